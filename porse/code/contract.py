@@ -1,0 +1,147 @@
+"""The contract of generated code, as data: what the checker enforces is what the prompts print.
+
+Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
+"""
+
+from typing import Literal
+
+Kind = Literal["reward", "mapping"]
+
+FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
+    "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),
+    "mapping": ("mapping_function", "compute_mapping", "mapping", "progress_function", "compute_progress"),
+}
+"""Names under which a function is looked for, the first is the one that prompts ask for."""
+
+NAME_PATTERN: dict[Kind, str] = {"reward": r"(compute|calculate|get)_\w*reward\w*", "mapping": r"\w*(mapping|progress)_\w+"}
+"""Names that are accepted when none of `FUNCTION_NAMES` is there."""
+
+SIGNATURES: dict[Kind, str] = {
+    "reward": (
+        "def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor)"
+        " -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:\n"
+        "    ...\n"
+        "    return total_reward, {\"component_name\": component, ...}"
+    ),
+    "mapping": (
+        "def mapping_function(self):\n"
+        "    ...\n"
+        "    return [variable, ...], [True, ...], [\"variable_name\", ...]"
+    ),
+}
+
+HELPERS: dict[str, str] = {
+    "dist": "dist(a, b): Euclidean distance along the last dimension, (num_envs,) for two (num_envs, 3) positions",
+    "rot_dist": "rot_dist(q1, q2): angle in radians between two rotations given as quaternions xyzw, (num_envs,)",
+}
+"""Helpers that exist without being defined, with the line that prompts print."""
+
+MAX_NAMES = 8
+"""Progress variables of one mapping at most."""
+
+MAX_COMPONENTS = 32
+"""Components of one reward at most."""
+
+MAX_REPLY_CHARACTERS = 200_000
+MAX_SOURCE_LINES = 600
+MAX_TREE_NODES = 20_000
+MAX_TREE_DEPTH = 60
+MAX_INTEGER = 10_000_000
+"""Largest integer literal."""
+MAX_LOOP = 1_000
+"""Largest count of a `range` that is written as a number."""
+MAX_NAME_CHARACTERS = 64
+"""Names of components and progress variables are cut to this length."""
+
+BUILTINS = frozenset("abs bool enumerate float int len max min range round sum zip isinstance print".split())
+
+TORCH_CONSTANTS = frozenset(
+    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor device".split()
+)
+
+TORCH_FUNCTIONS = frozenset(
+    """
+    abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
+    arctanh argmax argmin as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not bitwise_or
+    bmm broadcast_tensors cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate cos
+    cosh cosine_similarity cross cummax cummin cumprod cumsum deg2rad diff dist div divide dot einsum eq erf exp exp2
+    expm1 eye flatten flip floor floor_divide fmax fmin fmod frac full full_like gather ge greater greater_equal gt
+    heaviside hstack hypot index_select inner isclose isfinite isinf isnan kron le lerp less less_equal linspace log
+    log10 log1p log2 logaddexp logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max
+    maximum mean median min minimum mm movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm
+    not_equal numel ones ones_like outer permute polar pow prod rad2deg ravel reciprocal relu remainder reshape roll
+    round rsqrt select sgn sigmoid sign sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub
+    subtract sum swapaxes t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
+    unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
+    """.split()  # noqa: SIM905
+)
+
+TORCH_MODULES: dict[str, frozenset[str]] = {
+    "linalg": frozenset("cross multi_dot norm vecdot vector_norm".split()),
+    "special": frozenset("erf exp2 expit expm1 log1p logit logsumexp sinc softmax xlogy".split()),
+    "nn.functional": frozenset(
+        """
+        celu cosine_similarity elu gelu hardsigmoid hardtanh huber_loss l1_loss leaky_relu logsigmoid mish mse_loss
+        normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
+        threshold
+        """.split()  # noqa: SIM905
+    ),
+    "jit": frozenset(["annotate"]),
+}
+
+MATH_NAMES = frozenset(
+    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor hypot inf isfinite isinf isnan log log10 log1p log2 "
+    "nan pi pow radians sin sinh sqrt tan tanh tau".split()
+)
+
+METHODS = frozenset(
+    """
+    abs acos add addcdiv addcmul all amax amin any argmax argmin asin atan atan2 bmm bool ceil chunk clamp clamp_max
+    clamp_min clip clone contiguous cos cosh cross cumprod cumsum deg2rad detach dim div divide dot double eq erf exp
+    exp2 expand expand_as expm1 flatten flip float floor floor_divide fmax fmin fmod frac gather ge gt half index_select
+    int isclose isfinite isinf isnan item le lerp log log10 log1p log2 logical_and logical_not logical_or logical_xor
+    logsumexp long lt masked_fill matmul max maximum mean median min minimum mm movedim mul multiply mv nan_to_num
+    nanmean nansum narrow ne neg norm numel outer permute pow prod rad2deg ravel reciprocal relu remainder repeat
+    reshape roll round rsqrt select sgn sigmoid sign sin sinh size softmax sort split sqrt square squeeze std sub
+    subtract sum t tan tanh tile to topk transpose tril triu true_divide trunc type_as unbind unflatten unsqueeze var
+    view view_as where xlogy
+    new_full new_ones new_tensor new_zeros
+    add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
+    append extend copy items keys values get update format
+    """.split()  # noqa: SIM905
+)
+"""Methods of tensors, lists, dictionaries and strings."""
+
+ATTRIBUTES = frozenset("T mT device dtype ndim requires_grad shape values indices".split())
+
+MODULES = frozenset(["torch", "math", "typing", "numpy", "__future__", "isaacgym", "isaacgymenvs"])
+"""Modules whose import lines are accepted. No import is ever executed."""
+
+
+def contract_text(kind: Kind) -> str:
+    """Returns the part of a prompt that says what a function of `kind` must look like."""
+    name = FUNCTION_NAMES[kind][0]
+    common = [
+        "It is compiled by TorchScript, so it uses torch only: no numpy, no other import, no class, no print, no while.",
+        "New tensors are created on the device of the inputs, for example torch.zeros_like(x) or device=x.device.",
+        "Inputs are read, never changed in place. There are no random draws.",
+    ]
+    if kind == "reward":
+        specific = [
+            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and"
+            " with their exact types; any subset in any order, and nothing else.",
+            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the"
+            " name of each reward component to a tensor of shape (num_envs,).",
+            "Parameters such as temperatures are named local variables of the function, not arguments.",
+        ]
+    else:
+        specific = [
+            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as"
+            " arguments by their exact names.",
+            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape"
+            " (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for"
+            " each a distinct name.",
+            "Helpers, also as self.<helper>: " + "; ".join(HELPERS.values()) + ".",
+        ]
+    lines = ["```python", SIGNATURES[kind], "```", *(f"- {line}" for line in specific + common)]
+    return "\n".join(lines)

@@ -1,0 +1,120 @@
+"""The parent's side of the probe: one child process that loads torch once, and a verdict for each source sent to it."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from porse.code.contract import Kind
+from porse.code.limits import Limits
+from porse.code.verdict import CodeError, Verdict
+from porse.numerics import ENVIRONMENT
+from porse.variables import Variable
+
+_MAX_ANSWER = 200_000
+
+
+class Sandbox:
+    """A running probe. It starts at once, so that torch loads while the caller prepares states.
+
+    The child gets a scrubbed environment, an empty working directory, a session of its own and no open files but its
+    two pipes. What each function may use is limited in `porse.code.confine`.
+    """
+
+    def __init__(self, variables: Sequence[Variable], limits: Limits) -> None:
+        """Starts the child process."""
+        self._limits = limits
+        self._folder = tempfile.TemporaryDirectory(prefix="porse-probe-")
+        root = str(Path(__file__).resolve().parents[2])
+        environment = {**ENVIRONMENT["portable"], "PYTHONPATH": root, "LC_ALL": "C.UTF-8", "HOME": self._folder.name}
+        environment |= {"TMPDIR": self._folder.name, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-s", "-m", "porse.code.probe"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            cwd=self._folder.name,
+            env=environment,
+            start_new_session=True,
+        )
+        self._send({"variables": [asdict(variable) for variable in variables], "limits": asdict(limits)})
+
+    def __enter__(self) -> Self:
+        """Returns itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends the child process and all that it started."""
+        self.close()
+
+    def close(self) -> None:
+        """Ends the child process and all that it started."""
+        try:
+            os.killpg(self._process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                try:
+                    pipe.close()
+                except BrokenPipeError:
+                    pass
+        self._folder.cleanup()
+
+    def load(self, states: Path) -> None:
+        """Makes the child read real states of the task; waits until it has.
+
+        Raises:
+            CodeError: the child did not start.
+        """
+        self._send({"states": str(states.resolve())})
+        answer = self._receive(self._limits.startup_s)
+        if answer.get("ready") is not True:
+            problem = answer.get("error") or "it ended or did not answer"
+            raise CodeError("crash", f"expected the probe process to start and read the states, found: {problem}")
+
+    def probe(self, source: str, kind: Kind) -> Verdict:
+        """Returns the verdict on one source; its line is a line of the source."""
+        self._send({"source": source, "kind": kind})
+        answer = self._receive(self._limits.wall_s + 10.0)
+        try:
+            return Verdict(
+                passed=bool(answer["passed"]),
+                check=answer["check"],
+                message=str(answer["message"])[:4000],
+                line=int(answer["line"]),
+                names=tuple(str(name) for name in answer["names"]),
+                rises=tuple(bool(rise) for rise in answer["rises"]),
+            )
+        except (KeyError, TypeError, ValueError):
+            return Verdict(False, "crash", "the probe process ended while it ran this function", 0)
+
+    def _send(self, message: dict[str, Any]) -> None:
+        assert self._process.stdin is not None  # noqa: S101 (opened as a pipe)
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            pass
+
+    def _receive(self, timeout_s: float) -> dict[str, Any]:
+        """Returns the next line of the child as JSON, {} when there is none in time."""
+        assert self._process.stdout is not None  # noqa: S101 (opened as a pipe)
+        ready, _, _ = select.select([self._process.stdout], [], [], timeout_s)
+        line = self._process.stdout.readline(_MAX_ANSWER) if ready else b""
+        try:
+            answer = json.loads(line) if line else {}
+        except ValueError:
+            return {}
+        return answer if isinstance(answer, dict) else {}

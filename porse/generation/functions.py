@@ -1,0 +1,199 @@
+"""K valid functions of each kind: ask, check, repair, replace.
+
+Each slot has its own sequence of attempts: a first reply, up to `max_repairs` repairs of it, then up to `max_fresh`
+fresh replies, each with its own repairs. The slots go through their attempts side by side, so that all open questions of
+a round are asked at once.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from porse.code.contract import Kind
+from porse.code.verdict import Verdict
+from porse.config import Params
+from porse.errors import SearchError
+from porse.generation.conversations import Brief, conversation, repair
+from porse.llm.ask import ask
+from porse.llm.request import Message, Origin, Question, Reply, Request
+from porse.tables import Row
+
+KINDS: tuple[Kind, ...] = ("reward", "mapping")
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One reply of one slot, and the verdict on it.
+
+    Attributes:
+        kind: what was asked for.
+        slot: place in the iteration.
+        number: 0 for the first reply.
+        asked: the messages that it answers.
+        reply: the reply.
+    """
+
+    kind: Kind
+    slot: int
+    number: int
+    asked: tuple[Message, ...]
+    reply: Reply
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function that passed every check."""
+
+    kind: Kind
+    slot: int
+    key: str
+    source: str
+
+
+def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) -> list[Attempt]:
+    """Returns the first reply of every slot of both kinds, all asked for at once."""
+    elites = params.generate.elites if iteration > 1 else 0
+    places = [(kind, slot) for kind in KINDS for slot in range(params.generate.candidates - elites)]
+    asked = {kind: conversation(brief, kind) for kind in KINDS}
+    questions = [_question(params, asked[kind], slot, Origin("generate", iteration, f"{kind} {slot}")) for kind, slot in places]
+    replies = ask(questions, params.llm, cache)
+    return [
+        Attempt(kind, slot, 0, asked[kind], reply) for (kind, slot), reply in zip(places, replies, strict=True)
+    ]
+
+
+def restored_attempts(rows: Sequence[Row], brief: Brief) -> list[Attempt]:
+    """Returns the first attempts again from the rows of the replies table that `generate` wrote."""
+    return [
+        Attempt(kind, row["slot"], row["attempt"], conversation(brief, kind), reply_of(row))
+        for kind in KINDS
+        for row in rows
+        if row["kind"] == kind
+    ]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What checking and repairing left: every attempt with its verdict, and one function for each slot and kind."""
+
+    attempts: list[tuple[Attempt, Verdict]]
+    functions: list[Function]
+
+
+def checked_functions(
+    attempts: Sequence[Attempt],
+    check: Callable[[Sequence[Attempt]], list[tuple[Verdict, str]]],
+    brief: Brief,
+    params: Params,
+    iteration: int,
+    cache: Path,
+) -> Checked:
+    """Returns one function that passed for every slot of `attempts`, repairing and replacing those that did not.
+
+    Raises:
+        SearchError: a slot has no attempt left.
+    """
+    tried: list[tuple[Attempt, Verdict]] = []
+    passed: list[Function] = []
+    open_attempts = list(attempts)
+    while open_attempts:
+        broken: list[tuple[Attempt, Verdict]] = []
+        for attempt, (verdict, source) in zip(open_attempts, check(open_attempts), strict=True):
+            tried.append((attempt, verdict))
+            if verdict.passed:
+                passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source))
+            else:
+                broken.append((attempt, verdict))
+        open_attempts = _next_attempts(broken, brief, params, iteration, cache)
+    return Checked(tried, passed)
+
+
+def _next_attempts(
+    broken: Sequence[tuple[Attempt, Verdict]], brief: Brief, params: Params, iteration: int, cache: Path
+) -> list[Attempt]:
+    """Asks for a repair of each broken attempt, or for a fresh reply where its repairs are used up."""
+    numbers = [attempt.number + 1 for attempt, _ in broken]
+    asked = [
+        _next_messages(attempt, verdict, brief, params, iteration) for attempt, verdict in broken
+    ]
+    questions = [
+        _question(
+            params,
+            messages,
+            attempt.slot + params.generate.candidates * _generation(number, params),
+            Origin("validate-code", iteration, f"{attempt.kind} {attempt.slot}, attempt {number}"),
+        )
+        for (attempt, _), messages, number in zip(broken, asked, numbers, strict=True)
+    ]
+    replies = ask(questions, params.llm, cache) if questions else []
+    return [
+        Attempt(attempt.kind, attempt.slot, number, messages, reply)
+        for (attempt, _), number, messages, reply in zip(broken, numbers, asked, replies, strict=True)
+    ]
+
+
+def _next_messages(
+    attempt: Attempt, verdict: Verdict, brief: Brief, params: Params, iteration: int
+) -> tuple[Message, ...]:
+    number = attempt.number + 1
+    if _generation(number, params) > params.validate.max_fresh:
+        raise SearchError(f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message} Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model")
+    if number % (params.validate.max_repairs + 1) == 0:
+        return conversation(brief, attempt.kind)
+    return repair(attempt.asked, attempt.reply.text, verdict, brief.prompts)
+
+
+def _generation(number: int, params: Params) -> int:
+    """Returns how many fresh replies came before attempt `number` and its repairs."""
+    return number // (params.validate.max_repairs + 1)
+
+
+def _question(params: Params, messages: tuple[Message, ...], sample: int, origin: Origin) -> Question:
+    llm = params.llm
+    request = Request(llm.model, messages, llm.temperature, llm.top_p, llm.max_tokens, sample)
+    return Question(request, origin)
+
+
+def reply_row(iteration: int, kind: str, slot: int, number: int, reply: Reply) -> Row:
+    """Returns the row of the replies table for one reply."""
+    return {
+        "iteration": iteration,
+        "kind": kind,
+        "slot": slot,
+        "attempt": number,
+        "key": reply.key,
+        "finish_reason": reply.finish_reason,
+        "prompt_tokens": reply.prompt_tokens,
+        "completion_tokens": reply.completion_tokens,
+        "recorded_usd": reply.cost_usd,
+        "answered_by": reply.answered_by,
+        "text": reply.text,
+    }
+
+
+def verdict_row(iteration: int, attempt: Attempt, verdict: Verdict) -> Row:
+    """Returns the row of the verdicts table for one attempt."""
+    return {
+        "iteration": iteration,
+        "kind": attempt.kind,
+        "slot": attempt.slot,
+        "attempt": attempt.number,
+        "key": attempt.reply.key,
+        "passed": verdict.passed,
+        "check": verdict.check,
+        "line": verdict.line,
+        "message": verdict.message,
+    }
+
+
+def reply_of(row: Row) -> Reply:
+    """Returns the reply that a row of the replies table holds."""
+    return Reply(
+        key=row["key"],
+        text=row["text"],
+        finish_reason=row["finish_reason"],
+        prompt_tokens=row["prompt_tokens"],
+        completion_tokens=row["completion_tokens"],
+        answered_by=row["answered_by"],
+        cost_usd=row["recorded_usd"],
+    )

@@ -1,0 +1,104 @@
+"""Values of beta or alpha for the mutants: the question about the survivor's record, and the numbers in the reply."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from porse.config import Params
+from porse.errors import SearchError
+from porse.llm.ask import ask
+from porse.llm.request import Message, Origin, Question, Reply, Request
+from porse.prompts import number, numbers, render
+from porse.search.feedback import Series
+from porse.search.schedule import ALPHA, BETA
+from porse.tables import Row
+
+_BLOCK = re.compile(r"```[^\n`]*\n(.*?)```", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The values that a reply proposes.
+
+    Attributes:
+        values: beta or alpha of each mutant.
+        replies: every reply that was asked for; the last one holds the values.
+    """
+
+    values: list[float]
+    replies: list[Reply]
+
+
+def questions_text(
+    varied: str, survivor: Row, record: Sequence[Series], description: str, params: Params, prompts: Path
+) -> tuple[Message, ...]:
+    """Returns the messages that ask for the values of an iteration's mutants."""
+    recent = [series.last(params.mutate.window).sampled(params.mutate.points) for series in record]
+    scale = params.candidate.scale
+    system = render(prompts, f"{varied}-system", scale=number(scale), count=params.mutate.mutants)
+    facts: dict[str, Any] = {
+        "description": description,
+        "window": min(params.mutate.window, len(record[0].epochs)),
+        "epochs": recent[0].epochs,
+        "series": [{"name": series.name, "values": numbers(series.values)} for series in recent],
+    }
+    if varied == BETA:
+        facts |= {"bonus_weight": number(survivor["beta"]), "goal_weight": number(scale - survivor["beta"])}
+    else:
+        facts |= {"alpha": number(survivor["alpha"])}
+    return Message("system", system), Message("user", render(prompts, f"{varied}-task", **facts))
+
+
+def propose(messages: tuple[Message, ...], varied: str, params: Params, iteration: int, cache: Path) -> Proposal:
+    """Returns the model's values, asking afresh while a reply holds none.
+
+    Raises:
+        SearchError: no reply held usable values.
+    """
+    llm, replies, reason = params.llm, list[Reply](), ""
+    for sample in range(params.mutate.max_fresh + 1):
+        request = Request(llm.model, messages, llm.temperature, llm.top_p, llm.max_tokens, sample)
+        [reply] = ask([Question(request, Origin("mutate", iteration, f"{varied}, attempt {sample}"))], llm, cache)
+        replies.append(reply)
+        try:
+            return Proposal(parse_values(reply.text, varied, params.mutate.mutants, params.candidate.scale), replies)
+        except ValueError as error:
+            reason = str(error)
+    raise SearchError(f"expected {params.mutate.mutants} values of {varied} for iteration {iteration}, found none in {len(replies)} replies; the last: {reason}. Raise mutate.max_fresh, or change the prompts or the model")
+
+
+def parse_values(text: str, varied: str, count: int, scale: float) -> list[float]:
+    """Returns the values in the last block of a reply, or in the reply as a whole when it has no block.
+
+    A pair of weights gives beta = scale x bonus / (goal + bonus), so that a pair with another sum keeps its ratio.
+
+    Raises:
+        ValueError: they are no JSON list of `count` numbers (alpha) or pairs of weights (beta) in range.
+    """
+    blocks = _BLOCK.findall(text)
+    try:
+        found = json.loads(blocks[-1] if blocks else text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"expected JSON in the last block, found {error}") from error
+    if not isinstance(found, list) or len(found) != count:
+        raise ValueError(f"expected a list of {count}, found {json.dumps(found)[:200]}")
+    return [_alpha(item) if varied == ALPHA else _beta(item, scale) for item in found]
+
+
+def _alpha(item: Any) -> float:
+    if isinstance(item, bool) or not isinstance(item, int | float) or not 0.0 <= item <= 1.0:
+        raise ValueError(f"expected a number in [0, 1], found {item!r}")
+    return float(item)
+
+
+def _beta(item: Any, scale: float) -> float:
+    weights = [item.get("goal"), item.get("bonus")] if isinstance(item, dict) else []
+    if not weights or any(isinstance(w, bool) or not isinstance(w, int | float) or w < 0 for w in weights):
+        raise ValueError(f'expected a pair {{"goal": ..., "bonus": ...}} of weights, 0 or more, found {item!r}')
+    goal, bonus = map(float, weights)
+    if not 0.0 < goal + bonus < float("inf"):
+        raise ValueError(f"expected weights with a sum above 0, found {item!r}")
+    return scale * bonus / (goal + bonus)

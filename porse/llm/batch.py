@@ -1,0 +1,172 @@
+"""Batch mode's files: open requests out, answers in, accepted whole or not at all.
+
+Out goes OpenAI's batch format, one request a line. In come that format's output lines, or lines that a person writes
+with ease: `{"custom_id": KEY, "text": "..."}`, `text` being a text or a list of lines.
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from porse.errors import AnswersError, ProviderError
+from porse.llm.clock import utc_now
+from porse.llm.completion import Completion, check_text, read_completion
+from porse.llm.pending import OpenRequest, remove_pending
+from porse.llm.record import Answer, Provenance, Record
+from porse.llm.store import KEY_PATTERN, Store
+from porse.llm.wire import wire_body
+
+BATCH_URL = "/v1/chat/completions"
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """One line of an import's report.
+
+    Attributes:
+        record: the record made of the answer.
+        fresh: False when the very same answer was recorded before.
+    """
+
+    record: Record
+    fresh: bool
+
+
+def export_lines(requests: Iterable[OpenRequest]) -> str:
+    """Returns the open requests as OpenAI batch JSONL, one line each."""
+    lines = [
+        json.dumps(
+            {
+                "custom_id": request.key,
+                "method": "POST",
+                "url": BATCH_URL,
+                "body": wire_body(request.question.request),
+            },
+            ensure_ascii=False,
+        )
+        for request in requests
+    ]
+    return "".join(line + "\n" for line in lines)
+
+
+def answer_lines(source: Path) -> list[tuple[str, str]]:
+    """Returns the answers in a JSONL file, or in a directory of texts named `<key>.md` or `<key>.txt`.
+
+    Returns:
+        One pair for each answer: a label for messages, "line 3" or the text's name, and a line of JSON.
+
+    Raises:
+        AnswersError: the source cannot be read as UTF-8.
+    """
+    try:
+        if source.is_dir():
+            paths = sorted(path for path in source.iterdir() if path.suffix in (".md", ".txt"))
+            texts = [(path, path.read_text(encoding="utf-8").removesuffix("\n")) for path in paths]
+            return [(path.name, json.dumps({"custom_id": path.stem, "text": text})) for path, text in texts]
+        lines = enumerate(source.read_text(encoding="utf-8").split("\n"), start=1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise AnswersError(f"Expected answers in UTF-8 in {source}, found: {error}. Nothing was recorded.") from error
+    return [(f"line {number}", line) for number, line in lines if line.strip()]
+
+
+def import_answers(
+    lines: list[tuple[str, str]], where: str, answered_by: str, requests: Iterable[OpenRequest], store: Store
+) -> list[Accepted]:
+    """Records all the answers or none; returns them in their order.
+
+    Args:
+        lines: labels and lines of JSON, one answer each.
+        where: the name of the file or directory, for messages.
+        answered_by: who answered, for the records' provenance.
+        requests: the open requests.
+        store: where the answers are recorded.
+
+    Raises:
+        AnswersError: a line is no answer, its id is not open, stands twice, or is recorded with another reply; every
+            such line is named.
+    """
+    if not answered_by.strip():
+        raise AnswersError("Expected a text that says who answered, found none. Pass it by `--answered-by TEXT`.")
+    known = {request.key: request for request in requests}
+    accepted: list[Accepted] = []
+    problems: list[str] = []
+    labels: dict[str, str] = {}
+    for label, line in lines:
+        try:
+            key, answer = _parse_line(line)
+            if key in labels:
+                raise ValueError(f"id {key[:12]} stands in {labels[key]} already")
+            labels[key] = label
+            accepted.append(_accept(key, answer, answered_by, known, store))
+        except (ValueError, ProviderError) as error:
+            problems.append(f"{label}: {error}")
+    if not lines:
+        problems.append("no answer at all")
+    if problems:
+        raise AnswersError(
+            f"Expected one answer to one open request in every line of {where}, found {len(problems)} wrong: "
+            f"{'; '.join(problems)}. Nothing was recorded: correct these lines and import the file again."
+        )
+    store.write_all([item.record for item in accepted])
+    remove_pending(store, [item.record.key for item in accepted])
+    return accepted
+
+
+def _parse_line(line: str) -> tuple[str, Completion]:
+    try:
+        document = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"expected JSON, found text that does not parse ({error})") from error
+    key = document.get("custom_id") if isinstance(document, dict) else None
+    if not isinstance(key, str):
+        raise ValueError("expected an object with a custom_id, found none")
+    if document.get("error") is not None:
+        raise ValueError(f"{key[:12]} came back as an error: {json.dumps(document['error'])[:200]}")
+    if "response" in document:
+        return key, _parse_response(key, document["response"])
+    text = document.get("text")
+    if isinstance(text, list) and all(isinstance(item, str) for item in text):
+        text = "\n".join(text)
+    if not isinstance(text, str) or not text.strip():
+        raise ValueError(f"expected a text for {key[:12]}, found {'none' if text is None else repr(text)[:40]}")
+    finish_reason = document.get("finish_reason", "stop")
+    if finish_reason not in ("stop", "length"):
+        raise ValueError(f"expected finish_reason stop or length for {key[:12]}, found {finish_reason!r}")
+    check_text(text)
+    return key, Completion(Answer(text, finish_reason, None, None), "", "")
+
+
+def _parse_response(key: str, response: Any) -> Completion:
+    if not isinstance(response, dict):
+        raise ValueError(f"expected a response object for {key[:12]}, found {response!r}")
+    status = response.get("status_code", 200)
+    if status != 200:
+        raise ValueError(f"{key[:12]} came back with status {status}")
+    return read_completion(response.get("body"))
+
+
+def _accept(
+    key: str, completion: Completion, answered_by: str, known: dict[str, OpenRequest], store: Store
+) -> Accepted:
+    recorded = store.read(key) if KEY_PATTERN.fullmatch(key) else None
+    if recorded is not None:
+        if recorded.answer.text != completion.answer.text:
+            raise ValueError(f"{key[:12]} is recorded with a different reply; `porse llm refresh` replaces it")
+        return Accepted(recorded, fresh=False)
+    if key not in known:
+        raise ValueError(f"no open request has the id {key[:12]}; `porse llm pending` lists them")
+    request = known[key]
+    completion.check_model(request.question.request.model)
+    provenance = Provenance(
+        answered_by=answered_by.strip(),
+        mode="batch",
+        profile=request.profile,
+        endpoint="none",
+        request_id=completion.request_id,
+        recorded_at=utc_now(),
+        origin=request.question.origin,
+        price=request.price,
+    )
+    return Accepted(Record(request.question.request, completion.answer, provenance), fresh=True)

@@ -1,0 +1,207 @@
+"""`porse llm`: the commands for people who answer, check, read or replace recorded replies."""
+
+import dataclasses
+import difflib
+from pathlib import Path
+from typing import IO
+
+import click
+
+from porse.config import LlmParams, load_params
+from porse.errors import ParamsError, PorseError, TableError
+from porse.llm.batch import answer_lines, export_lines, import_answers
+from porse.llm.ledger import total_spending
+from porse.llm.pending import load_pending, remove_pending
+from porse.llm.refresh import refresh_by_hand, refresh_from_endpoint
+from porse.llm.show import conversation, open_conversation
+from porse.llm.stats import by_model, by_place, table, total
+from porse.llm.store import Store
+from porse.llm.verify import verify as verify_cache
+
+FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
+
+CACHE = click.option(
+    "--cache",
+    "cache_dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("llm_cache"),
+    show_default=True,
+    help="Directory of recorded replies.",
+)
+
+
+class Commands(click.Group):
+    """A group whose commands end with one paragraph and exit code 1 on every error that the project raises."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Runs the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except PorseError as error:
+            raise click.ClickException(str(error)) from error
+
+
+@click.group(cls=Commands)
+def llm() -> None:
+    """Recorded model replies: answer, check, read and replace them."""
+
+
+@llm.command()
+@CACHE
+@click.option("--clear", is_flag=True, help="Forget all open requests; `dvc repro` writes the ones it still needs.")
+def pending(cache_dir: Path, clear: bool) -> None:
+    """List the open requests, one line each."""
+    store = Store(cache_dir)
+    requests = load_pending(store)
+    for request in requests:
+        click.echo(f"{request.key}  {request.question.origin}")
+    click.echo(f"{len(requests)} open requests{', all forgotten' if clear else ''}", err=True)
+    if clear:
+        remove_pending(store, [request.key for request in requests])
+
+
+@llm.command()
+@CACHE
+@click.option(
+    "--prompts",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Also write each request as a readable text <key>.prompt into this directory.",
+)
+@click.argument("target", type=click.File("w", encoding="utf-8", lazy=True), default="-")
+def export(cache_dir: Path, prompts: Path | None, target: IO[str]) -> None:
+    """Write the open requests to TARGET as OpenAI batch JSONL (default: standard output)."""
+    requests = load_pending(Store(cache_dir))
+    target.write(export_lines(requests))
+    if prompts is not None:
+        prompts.mkdir(parents=True, exist_ok=True)
+        for request in requests:
+            text = open_conversation(request.question) + "\n"
+            (prompts / f"{request.key}.prompt").write_text(text, encoding="utf-8")
+    click.echo(f"{len(requests)} open requests", err=True)
+
+
+@llm.command("import")
+@CACHE
+@click.option("--answered-by", required=True, help='Who answered, for the records: "written by hand".')
+@click.argument("source", type=click.Path(path_type=Path, exists=True))
+def import_(cache_dir: Path, answered_by: str, source: Path) -> None:
+    """Record the answers in SOURCE, all of them or none.
+
+    SOURCE is a JSONL file, either OpenAI batch output or lines {"custom_id": KEY, "text": TEXT or LIST OF LINES}, or a
+    directory with one text <key>.md or <key>.txt for each answer.
+    """
+    store = Store(cache_dir)
+    for item in import_answers(answer_lines(source), str(source), answered_by, load_pending(store), store):
+        record, state = item.record, "recorded" if item.fresh else "was recorded before"
+        click.echo(f"{record.key}  {record.provenance.origin}: {state}, {len(record.answer.text)} characters")
+
+
+@llm.command()
+@CACHE
+@click.option(
+    "--used", type=FILE, multiple=True, help="A Parquet table with a column `key`; may be given several times."
+)
+def verify(cache_dir: Path, used: tuple[Path, ...]) -> None:
+    """Check all records: keys, hashes, names, secrets; with --used also what no table names."""
+    problems = verify_cache(cache_dir, _used_keys(used) if used else None)
+    for problem in problems:
+        click.echo(problem)
+    if problems:
+        raise click.ClickException(f"{len(problems)} problems in {cache_dir}")
+    click.echo(f"{sum(1 for _ in Store(cache_dir).all_keys())} records, all as they were written")
+
+
+@llm.command()
+@CACHE
+@click.option("--list", "list_keys", is_flag=True, help="List all keys instead.")
+def stats(cache_dir: Path, list_keys: bool) -> None:
+    """Show requests, tokens and cost by iteration, stage and model."""
+    store = Store(cache_dir)
+    records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
+    if list_keys:
+        for record in records:
+            click.echo(f"{record.key}  {record.provenance.origin}")
+        return
+    lines = by_place(records)
+    recorded, spent = total(lines), total_spending(store)
+    click.echo(table(("iteration", "stage"), lines))
+    click.echo()
+    click.echo(table(("model", "answered by"), by_model(records)))
+    click.echo()
+    click.echo(f"recorded: {recorded.replies} replies, {recorded.cost_usd:.6f} USD")
+    click.echo(f"spent by this checkout: {spent.replies} replies, {spent.cost_usd:.6f} USD")
+
+
+@llm.command()
+@CACHE
+@click.argument("key")
+def show(cache_dir: Path, key: str) -> None:
+    """Print a recorded or open request as a conversation. KEY may be the first digits of a key."""
+    click.echo(conversation(key, Store(cache_dir)))
+
+
+@llm.command()
+@CACHE
+@click.argument("key")
+@click.argument("other")
+def diff(cache_dir: Path, key: str, other: str) -> None:
+    """Compare two conversations line by line."""
+    store = Store(cache_dir)
+    left, right = (conversation(prefix, store).splitlines() for prefix in (key, other))
+    for line in difflib.unified_diff(left, right, key, other, lineterm=""):
+        click.echo(line)
+
+
+@llm.command()
+@CACHE
+@click.option(
+    "--params",
+    "params_path",
+    type=click.Path(path_type=Path),
+    default=Path("params.yaml"),
+    show_default=True,
+    help="File with the llm section.",
+)
+@click.option("--profile", help="Profile to ask instead of llm.profile.")
+@click.option("--answer", type=FILE, help="Take the new reply from this text instead of asking an endpoint.")
+@click.option("--answered-by", help="Who wrote the text of --answer.")
+@click.argument("key")
+def refresh(
+    cache_dir: Path, params_path: Path, profile: str | None, answer: Path | None, answered_by: str | None, key: str
+) -> None:
+    """Replace one recorded reply; the old record is kept beside it as <key>.<n>.json."""
+    store = Store(cache_dir)
+    whole_key = store.find(key)
+    if answer is None:
+        kept = refresh_from_endpoint(whole_key, _llm_params(params_path, profile), store)
+    elif answered_by:
+        text = answer.read_text(encoding="utf-8").removesuffix("\n")
+        kept = refresh_by_hand(whole_key, text, answered_by, store)
+    else:
+        raise click.UsageError("--answer needs --answered-by")
+    click.echo(f"{whole_key}: replaced, the old record is {kept}")
+
+
+def _llm_params(path: Path, profile: str | None) -> LlmParams:
+    params = load_params(path).llm
+    if profile is None:
+        return params
+    if profile not in params.profiles:
+        raise ParamsError(f"Expected --profile to be one of {', '.join(params.profiles)}, found {profile!r}.")
+    return dataclasses.replace(params, profile=profile)
+
+
+def _used_keys(paths: tuple[Path, ...]) -> set[str]:
+    """Returns all keys that the tables name."""
+    # Imported here: only this command reads Parquet, and the library takes half a second.
+    import pyarrow
+    import pyarrow.parquet
+
+    keys: set[str] = set()
+    for path in paths:
+        try:
+            column = pyarrow.parquet.read_table(path, columns=["key"]).column("key")
+        except (pyarrow.ArrowException, KeyError, OSError) as error:
+            raise TableError(f"Expected a Parquet table with a column `key` in {path}, found: {error}.") from error
+        keys.update(key for key in column.to_pylist() if key)
+    return keys

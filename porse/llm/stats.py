@@ -1,0 +1,78 @@
+"""What the recorded replies asked for, and what they cost when they were recorded."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from porse.llm.ledger import NOTHING, Spending
+from porse.llm.record import Record
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the statistics.
+
+    Attributes:
+        group: what the line is about: a stage and an iteration, or a model.
+        spending: replies, tokens and cost.
+        truncated: replies that were cut off by their limit.
+    """
+
+    group: tuple[str, ...]
+    spending: Spending
+    truncated: int
+
+
+def by_place(records: Iterable[Record]) -> list[Line]:
+    """Returns one line for each iteration and stage that first asked, in this order."""
+    return _grouped(
+        ((record.provenance.origin.iteration, record.provenance.origin.stage), record) for record in records
+    )
+
+
+def by_model(records: Iterable[Record]) -> list[Line]:
+    """Returns one line for each model asked and whoever answered, in this order."""
+    return _grouped(((record.request.model, record.provenance.answered_by), record) for record in records)
+
+
+def total(lines: Iterable[Line]) -> Spending:
+    """Returns the sum of all lines."""
+    return sum((line.spending for line in lines), NOTHING)
+
+
+def table(heading: tuple[str, str], lines: list[Line]) -> str:
+    """Returns the lines as a text table with a heading."""
+    names = (*heading, "replies", "truncated", "prompt tokens", "completion tokens", "recorded USD")
+    rows = [
+        (
+            *line.group,
+            str(line.spending.replies),
+            str(line.truncated),
+            str(line.spending.prompt_tokens),
+            str(line.spending.completion_tokens),
+            f"{line.spending.cost_usd:.6f}",
+        )
+        for line in lines
+    ]
+    widths = [max(len(row[column]) for row in [names, *rows]) for column in range(len(names))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if column < len(heading) else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [names, *rows]
+    )
+
+
+def _grouped(pairs: Iterable[tuple[tuple[int | str, str], Record]]) -> list[Line]:
+    groups: defaultdict[tuple[int | str, str], list[Record]] = defaultdict(list)
+    for group, record in pairs:
+        groups[group].append(record)
+    return [
+        Line(
+            group=tuple(str(part) for part in group),
+            spending=sum((Spending.of(record) for record in groups[group]), NOTHING),
+            truncated=sum(record.truncated for record in groups[group]),
+        )
+        for group in sorted(groups)
+    ]

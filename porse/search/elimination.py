@@ -1,0 +1,86 @@
+"""Who goes on: candidates ranked by fitness over their last epochs, ties by MTS, then by candidate id."""
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+from porse.errors import SearchError
+from porse.tables import Row
+
+
+@dataclass(frozen=True)
+class Score:
+    """A candidate's score.
+
+    Attributes:
+        candidate_id: whose.
+        fitness: mean fitness over the last `window` epochs.
+        mts: highest fitness so far.
+        failed: whether its training ended early; it ranks behind all others.
+    """
+
+    candidate_id: str
+    fitness: float
+    mts: float
+    failed: bool
+
+
+def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
+    """Returns the score of one candidate from the fitness rows of `curves`."""
+    name = candidate["candidate_id"]
+    fitness = [
+        row["value"]
+        for row in sorted(curves, key=lambda row: row["epoch"])
+        if row["candidate_id"] == name and row["series"] == "fitness"
+    ]
+    if candidate["failure"] or not fitness:
+        return Score(name, 0.0, 0.0, failed=True)
+    last = fitness[-window:]
+    return Score(name, sum(last) / len(last), max(fitness), failed=False)
+
+
+def rank(scores: Sequence[Score]) -> list[Score]:
+    """Returns the scores, best first. The order is total: no two candidates have one id."""
+    return sorted(scores, key=lambda s: (s.failed, -s.fitness, -s.mts, s.candidate_id))
+
+
+def survivors(ranked: Sequence[Score], keep: int, where: str) -> list[Score]:
+    """Returns the `keep` best that did not fail.
+
+    Raises:
+        SearchError: all failed.
+    """
+    alive = [entry for entry in ranked if not entry.failed]
+    if not alive:
+        raise SearchError(f"expected a candidate whose training did not fail at {where}, found none among {len(ranked)}; read the column failure of the candidates table there, then change the prompts or the model")
+    return alive[:keep]
+
+
+def score_rows(ranked: Sequence[Score], kept: Container[str], iteration: int, rung: str) -> list[Row]:
+    """Returns the rows of the scores table for a ranked pool."""
+    return [
+        {
+            "iteration": iteration,
+            "rung": rung,
+            "candidate_id": entry.candidate_id,
+            "rank": position,
+            "fitness": entry.fitness,
+            "mts": entry.mts,
+            "failed": entry.failed,
+            "survives": entry.candidate_id in kept,
+        }
+        for position, entry in enumerate(ranked)
+    ]
+
+
+def survivor_rows(kept: Sequence[Score], iteration: int, rung: str) -> list[Row]:
+    """Returns the rows of the survivors table."""
+    return [
+        {
+            "iteration": iteration,
+            "rung": rung,
+            "rank": position,
+            "candidate_id": entry.candidate_id,
+            "fitness": entry.fitness,
+        }
+        for position, entry in enumerate(kept)
+    ]

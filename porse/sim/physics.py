@@ -1,0 +1,151 @@
+"""Many simulations of one model behind one small interface.
+
+`Physics` is what tasks use: live float64 views of states and controls, one call that advances every simulation, and
+copies of derived fields. `CpuPhysics` does it with MuJoCo's own batch. A simulation that blows up never ends the
+program: `advance` says which ones did, and the caller starts them again.
+"""
+
+import ctypes
+from abc import ABC, abstractmethod
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.batch import Batch, SimulationError
+from torch import Tensor
+
+SPEED_LIMIT = 1e4
+"""Generalised speed (m/s or rad/s) above which a simulation counts as blown up; no task moves at a tenth of it."""
+
+_BAD = [
+    mujoco.mjtWarning.mjWARN_BADQPOS.value,
+    mujoco.mjtWarning.mjWARN_BADQVEL.value,
+    mujoco.mjtWarning.mjWARN_BADQACC.value,
+    mujoco.mjtWarning.mjWARN_BADCTRL.value,
+]
+
+_QUIET = ctypes.CDLL(None).strlen
+"""A warning handler that does nothing: it must be a C function of one string, since native threads call it."""
+
+
+class Physics(ABC):
+    """`num_envs` simulations of `model`.
+
+    Attributes:
+        model: the compiled model, shared by all simulations.
+        num_envs: number of simulations.
+        qpos: positions `(num_envs, nq)`, float64, live: a write is the state at the next call. Quaternions are MuJoCo's.
+        qvel: velocities `(num_envs, nv)`, float64, live.
+        ctrl: controls `(num_envs, nu)`, float64, live.
+        force: external wrench on each body, force then torque, world frame, `(num_envs, nbody, 6)`, float64, live.
+        mocap_pos: positions of the bodies that only a task moves, `(num_envs, nmocap, 3)`, float64, live.
+        mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, float64, live.
+    """
+
+    model: mujoco.MjModel
+    num_envs: int
+    qpos: Tensor
+    qvel: Tensor
+    ctrl: Tensor
+    force: Tensor
+    mocap_pos: Tensor
+    mocap_quat: Tensor
+
+    @abstractmethod
+    def advance(self, substeps: int) -> Tensor:
+        """Advances all simulations and returns which ones blew up, bool `(num_envs,)`; their states are undefined."""
+
+    @abstractmethod
+    def restart(self, ids: Tensor) -> None:
+        """Puts the simulations `ids` (int64) into the model's initial state; derived fields wait for `refresh`."""
+
+    @abstractmethod
+    def refresh(self, ids: Tensor) -> None:
+        """Computes the derived fields that depend on positions and velocities, for the simulations `ids`."""
+
+    @abstractmethod
+    def read(self, field: str, ids: Tensor | None = None) -> Tensor:
+        """Returns a float32 copy of a derived field that was named when the physics was made.
+
+        Args:
+            field: name of the `MjData` field.
+            ids: the simulations (int64) to read, or None for all.
+
+        Returns:
+            `(num_envs, ...)` or `(len(ids), ...)`.
+        """
+
+    @abstractmethod
+    def state(self) -> Tensor:
+        """Returns a copy of everything that an exact continuation needs, float64 `(num_envs, n)`."""
+
+    @abstractmethod
+    def load_state(self, state: Tensor) -> None:
+        """Continues from what `state` returned. Derived fields stay as they are."""
+
+
+class CpuPhysics(Physics):
+    """The CPU back end, on `mujoco.batch.Batch`: the same bits at any number of threads."""
+
+    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, fields: tuple[str, ...]) -> None:
+        """Makes the simulations.
+
+        Args:
+            model: the compiled model.
+            num_envs: number of simulations.
+            threads: native threads that step them; does not change any result.
+            fields: derived `MjData` fields that `read` will be asked for. With none, the derived stages are skipped.
+        """
+        if mujoco.get_mju_user_warning() is None:
+            # By default MuJoCo prints each bad state and appends it to a file in the working directory.
+            mujoco.set_mju_user_warning(_QUIET)
+        self.model = model
+        self.num_envs = num_envs
+        self._batch = Batch(model, num_envs, threads)
+        self._fields = {name: self._batch.bind(name) for name in fields}
+        self._stage = (mujoco.mjtStage.mjSTAGE_VEL if fields else mujoco.mjtStage.mjSTAGE_NONE).value
+        self._initial = self._batch.state[0].copy()
+        self.qpos = torch.from_numpy(self._batch.bind("qpos"))
+        self.qvel = torch.from_numpy(self._batch.bind("qvel"))
+        self.ctrl = torch.from_numpy(self._batch.bind("ctrl"))
+        self.force = torch.from_numpy(self._batch.bind("xfrc_applied"))
+        self.mocap_pos = torch.from_numpy(self._batch.bind("mocap_pos"))
+        self.mocap_quat = torch.from_numpy(self._batch.bind("mocap_quat"))
+
+    def advance(self, substeps: int) -> Tensor:
+        """See `Physics.advance`."""
+        raised = None
+        try:
+            self._batch.step(nstep=substeps, stage=self._stage)
+        except SimulationError as error:
+            raised = error.ids
+        # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
+        warning = self._batch.warning
+        bad = ~(np.abs(self._batch.bind("qvel")).max(axis=1) <= SPEED_LIMIT)
+        if warning.any():
+            bad |= warning[:, _BAD, 1].any(axis=1)
+            warning[:] = 0
+        if raised is not None:
+            bad[raised] = True
+        return torch.from_numpy(bad)
+
+    def restart(self, ids: Tensor) -> None:
+        """See `Physics.restart`."""
+        self._batch.state[ids.numpy()] = self._initial
+
+    def refresh(self, ids: Tensor) -> None:
+        """See `Physics.refresh`."""
+        self._batch.forward(ids.numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+
+    def read(self, field: str, ids: Tensor | None = None) -> Tensor:
+        """See `Physics.read`."""
+        values = self._fields[field] if ids is None else self._fields[field][ids.numpy()]
+        return torch.from_numpy(values.astype(np.float32))
+
+    def state(self) -> Tensor:
+        """See `Physics.state`."""
+        return torch.from_numpy(self._batch.state.copy())
+
+    def load_state(self, state: Tensor) -> None:
+        """See `Physics.load_state`."""
+        self._batch.state[:] = state.numpy()

@@ -1,0 +1,57 @@
+"""What every stage script needs: the command line in one shape, parameters, and errors as one paragraph."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from porse import numerics
+from porse.config import Params, load_params
+from porse.errors import PorseError
+
+EXIT_ERROR = 1
+LOGS = Path("logs")
+
+
+class StageCommand(click.Command):
+    """A click command that prints a PorseError as its paragraph, without a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs the command; raises ClickException where it raised a PorseError."""
+        try:
+            return super().invoke(ctx)
+        except PorseError as error:
+            failure = click.ClickException(str(error))
+            failure.exit_code = EXIT_ERROR
+            raise failure from error
+
+
+def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Returns a required option `--NAME PATH`."""
+    return click.option(f"--{name}", required=True, type=click.Path(path_type=Path))
+
+
+def begin() -> Params:
+    """Returns the parameters of the run, with the numeric profile set before anything imports torch.
+
+    Raises:
+        ParamsError: the parameters are wrong.
+    """
+    params = load_params(Path("params.yaml"))
+    numerics.apply(params.numerics)
+    return params
+
+
+def write_manifest() -> None:
+    """Writes what the results may depend on besides the parameters to `logs/environment.json`, which is not tracked."""
+    LOGS.mkdir(exist_ok=True)
+    (LOGS / "environment.json").write_text(json.dumps(numerics.manifest(), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def say(text: str) -> None:
+    """Prints a line about the stage's work at once, whatever stdout is."""
+    click.echo(text)
+    sys.stdout.flush()

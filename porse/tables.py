@@ -1,0 +1,266 @@
+"""The data dictionary: what one row of each table means, and checked, sorted, reproducible reading and writing.
+
+Nothing else in the project knows a column by heart. `write` refuses rows that differ from the declaration, sorts them by
+the key, refuses a key that stands twice, and writes the same bytes for the same rows. `read` refuses a file that
+differs from the declaration. Rows are plain dicts; a table of a few thousand rows needs nothing faster.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from porse.errors import TableError
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its name, its Arrow type, and what it means, with the unit."""
+
+    name: str
+    type: pa.DataType
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """One kind of table.
+
+    Attributes:
+        name: the file's stem.
+        grain: what one row is.
+        key: the columns that tell rows apart, in sorting order.
+        columns: all columns, in the file's order.
+    """
+
+    name: str
+    grain: str
+    key: tuple[str, ...]
+    columns: tuple[Column, ...]
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema: no column may be null."""
+        return pa.schema([pa.field(column.name, column.type, nullable=False) for column in self.columns])
+
+
+_TEXT, _INT, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_ITERATION = Column("iteration", _INT, "iteration, from 1")
+_RUNG = Column("rung", _TEXT, "rung, as in params.yaml")
+_CANDIDATE = Column("candidate_id", _TEXT, "hash of the candidate's content")
+
+REPLIES = Table(
+    "replies",
+    "one reply of the model",
+    ("iteration", "kind", "slot", "attempt"),
+    (
+        _ITERATION,
+        Column("kind", _TEXT, "what was asked for: reward, mapping, beta or alpha"),
+        Column("slot", _INT, "place in the iteration, from 0; a reward and a mapping of one slot are a pair"),
+        Column("attempt", _INT, "0: first reply, then repairs and fresh replies of the slot"),
+        Column("key", _TEXT, "key of the recorded reply in llm_cache/"),
+        Column("finish_reason", _TEXT, "why the model stopped"),
+        Column("prompt_tokens", _INT, "tokens of the question when it was recorded"),
+        Column("completion_tokens", _INT, "tokens of the reply when it was recorded"),
+        Column("recorded_usd", _REAL, "US dollars that the reply cost when it was recorded; a replay costs nothing"),
+        Column("answered_by", _TEXT, "who answered: a model's name, or a person"),
+        Column("text", _TEXT, "the reply"),
+    ),
+)
+
+VERDICTS = Table(
+    "verdicts",
+    "the verdict on the function in one reply",
+    ("iteration", "kind", "slot", "attempt"),
+    (
+        _ITERATION,
+        Column("kind", _TEXT, "reward or mapping"),
+        Column("slot", _INT, "place in the iteration, from 0"),
+        Column("attempt", _INT, "0: first reply, then repairs and fresh replies of the slot"),
+        Column("key", _TEXT, "key of the recorded reply in llm_cache/"),
+        Column("passed", _FLAG, "whether the function may be trained with"),
+        Column("check", _TEXT, "the check that decided, ok when all passed"),
+        Column("line", _INT, "line of the reply that it is about, from 1; 0: none"),
+        Column("message", _TEXT, "the reason, for people and for the repair prompt; empty when it passed"),
+    ),
+)
+
+CANDIDATES = Table(
+    "candidates",
+    "one candidate of a pool",
+    ("iteration", "slot"),
+    (
+        _ITERATION,
+        Column("slot", _INT, "place in the iteration, from 0; mutants count on"),
+        _CANDIDATE,
+        Column("origin", _TEXT, "new, elite (the previous winner's functions) or mutant"),
+        Column("parent_id", _TEXT, "candidate that an elite or a mutant comes from, else empty"),
+        Column("reward_key", _TEXT, "key of the reply with the reward"),
+        Column("mapping_key", _TEXT, "key of the reply with the mapping"),
+        Column("reward_source", _TEXT, "the goal reward, as checked"),
+        Column("mapping_source", _TEXT, "the mapping, as checked"),
+        Column("beta", _REAL, "weight of the exploration bonus, 1"),
+        Column("alpha", _REAL, "share of the previous winner in the first policy, 1"),
+        Column("policy", _TEXT, "stem of the file in policies/ that training goes on from"),
+        Column("epochs", _INT, "epochs trained so far in this iteration"),
+        Column("failure", _TEXT, "why its training ended early, else empty"),
+    ),
+)
+
+CURVES = Table(
+    "curves",
+    "one series of one candidate at one epoch",
+    ("iteration", "candidate_id", "series", "epoch"),
+    (
+        _ITERATION,
+        _RUNG,
+        _CANDIDATE,
+        Column("series", _TEXT, "fitness, bonus, component/NAME, progress/NAME, episode_length, cells, ..."),
+        Column("epoch", _INT, "epoch of the iteration, from 1"),
+        Column("value", _REAL, "mean over environments and the epoch's steps; fitness: at the epoch's last step"),
+    ),
+)
+
+SCORES = Table(
+    "scores",
+    "the score of one candidate at the end of one rung",
+    ("iteration", "rung", "candidate_id"),
+    (
+        _ITERATION,
+        _RUNG,
+        _CANDIDATE,
+        Column("rank", _INT, "0: best"),
+        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window); 0 when it failed"),
+        Column("mts", _REAL, "highest fitness of the iteration so far; 0 when it failed"),
+        Column("failed", _FLAG, "whether its training ended early; such a candidate ranks last"),
+        Column("survives", _FLAG, "whether it goes on"),
+    ),
+)
+
+SURVIVORS = Table(
+    "survivors",
+    "one candidate that goes on after one rung",
+    ("iteration", "rung", "rank"),
+    (
+        _ITERATION,
+        _RUNG,
+        Column("rank", _INT, "0: best"),
+        _CANDIDATE,
+        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window)"),
+    ),
+)
+
+MUTANTS = Table(
+    "mutants",
+    "one mutant of the best survivor at half time",
+    ("iteration", "index"),
+    (
+        _ITERATION,
+        Column("index", _INT, "place among the values of the reply, from 0"),
+        _CANDIDATE,
+        Column("parent_id", _TEXT, "the best survivor"),
+        Column("varied", _TEXT, "beta or alpha"),
+        Column("proposed", _REAL, "the model's value, 1"),
+        Column("value", _REAL, "the value after the particle-swarm step, 1"),
+    ),
+)
+
+FEEDBACK = Table(
+    "feedback",
+    "one point of one series of the winner, as the next prompts show it",
+    ("series", "epoch"),
+    (
+        Column("series", _TEXT, "fitness, component/NAME or progress/NAME"),
+        Column("epoch", _INT, "epoch of the iteration, from 1"),
+        Column("value", _REAL, "the series at that epoch"),
+        Column("maximum", _REAL, "over all epochs of the iteration"),
+        Column("mean", _REAL, "over all epochs of the iteration"),
+        Column("minimum", _REAL, "over all epochs of the iteration"),
+    ),
+)
+
+ITERATIONS = Table(
+    "iterations",
+    "one iteration",
+    ("iteration",),
+    (
+        _ITERATION,
+        Column("winner_id", _TEXT, "candidate whose policy is theta_best"),
+        Column("beta", _REAL, "the winner's weight of the bonus, 1"),
+        Column("alpha", _REAL, "the winner's share of the previous winner, 1"),
+        Column("mts", _REAL, "highest fitness that any training of the iteration reached"),
+        Column("winner_mts", _REAL, "highest fitness of the winner's training"),
+        Column("fitness", _REAL, "the winner's fitness over its last epochs"),
+        Column("epochs", _INT, "epochs spent on all candidates"),
+        Column("environment_steps", _INT, "environment steps of those epochs"),
+        Column("replies", _INT, "replies with a function in them that were read"),
+        Column("valid_replies", _INT, "replies whose function passed every check"),
+        Column("repairs", _INT, "replies asked for because an earlier one did not pass"),
+    ),
+)
+
+TABLES = {
+    table.name: table
+    for table in (REPLIES, VERDICTS, CANDIDATES, CURVES, SCORES, SURVIVORS, MUTANTS, FEEDBACK, ITERATIONS)
+}
+
+
+def write(path: Path, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Writes `rows` as the table's file at `path`, sorted by the key; equal rows give equal bytes.
+
+    Raises:
+        TableError: a column is missing, unknown, null or of another type, or two rows have one key.
+    """
+    ordered = sorted((dict(row) for row in rows), key=lambda row: _key_of(row, table, path))
+    names = [column.name for column in table.columns]
+    for before, row in zip([None, *ordered], ordered, strict=False):
+        if row.keys() != set(names):
+            differ = sorted(set(names) ^ set(row))
+            raise TableError(f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; mend the stage that made it")
+        if before is not None and _key_of(before, table, path) == _key_of(row, table, path):
+            raise TableError(f"expected one row for each {table.grain}, found two with {_describe_key(row, table)} while writing {path}; mend the stage that made them")
+    try:
+        arrow = pa.Table.from_pylist(ordered, schema=table.schema)
+        arrow.validate(full=True)
+    except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+        raise TableError(f"expected values of the declared types in {table.name}, found: {error}, while writing {path}; mend the stage that made them") from error
+    for column in arrow.column_names:
+        if arrow[column].null_count:
+            raise TableError(f"expected no missing values in {table.name}, found some in {column} while writing {path}; mend the stage that made them")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Fixed options: no statistics and no dictionary, so that the bytes follow from the rows and the pinned pyarrow alone.
+    pq.write_table(arrow, path, compression="zstd", use_dictionary=False, write_statistics=False, version="2.6")
+
+
+def read(path: Path, table: Table) -> list[Row]:
+    """Returns the rows of the table's file at `path`, in key order.
+
+    Raises:
+        TableError: the file is missing, is no Parquet, or has other columns than the declaration.
+    """
+    try:
+        arrow = pq.read_table(path, use_threads=False)
+    except FileNotFoundError:
+        raise TableError(f"expected the table {table.name} at {path}, found no such file; run `dvc repro` to make it") from None
+    except (pa.ArrowInvalid, OSError) as error:
+        raise TableError(f"expected the table {table.name} at {path}, found an unreadable file: {error}; delete it and run `dvc repro`") from error
+    if not arrow.schema.equals(table.schema):
+        found = ", ".join(f"{field.name}: {field.type}" for field in arrow.schema)
+        raise TableError(f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `dvc repro`")
+    return arrow.to_pylist()
+
+
+def _key_of(row: Mapping[str, Any], table: Table, path: Path) -> tuple[Any, ...]:
+    try:
+        return tuple(row[name] for name in table.key)
+    except KeyError as error:
+        raise TableError(f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; mend the stage that made it") from None
+
+
+def _describe_key(row: Mapping[str, Any], table: Table) -> str:
+    return ", ".join(f"{name} = {row[name]!r}" for name in table.key)

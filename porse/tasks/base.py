@@ -1,0 +1,317 @@
+"""What every task is: a MuJoCo scene with actions, observations, variables, fitness and a human reward.
+
+A task here is a vector of `num_envs` environments. One control step is
+
+    task.step(actions)          # physics, measurements, fitness
+    task.variables()            # what generated functions read: the state after the step
+    done = task.terminated() | task.timed_out()
+    task.reset(done)
+    task.observations()         # of the new episode where one began
+
+Nothing draws from a global generator, and `state` holds everything that a bit-exact continuation needs.
+"""
+
+import inspect
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.errors import TaskError
+from porse.sim.physics import CpuPhysics
+from porse.variables import Variable
+
+Value = Tensor | int | float | torch.device
+
+PLAIN_VARIABLES = (
+    Variable("actions", "tensor", (), "1", "-", "the last actions, clamped to [-1, 1]; 0 after a reset"),
+    Variable("obs_buf", "tensor", (), "1", "-", "the observations before clipping"),
+    Variable("progress_buf", "tensor", (), "steps", "-", "control steps since the episode began (int64)"),
+    Variable("num_envs", "int", (), "1", "-", "number of environments"),
+    Variable("device", "device", (), "-", "-", "device of every tensor"),
+)
+
+
+def plain_variables(observations: int, actions: int) -> tuple[Variable, ...]:
+    """Returns the variables that every task offers, with the widths of one task."""
+    shapes = {"actions": (actions,), "obs_buf": (observations,)}
+    return tuple(
+        Variable(v.name, v.kind, shapes.get(v.name, v.shape), v.unit, v.frame, v.meaning) for v in PLAIN_VARIABLES
+    )
+
+
+class Task(ABC):
+    """A vector of environments of one task.
+
+    Subclasses say how the scene is built (`scene`), how an episode starts (`_start`), what an action does (`_act`),
+    what is measured (`_measure`: one attribute for each variable), what is observed (`compute_observations`), and
+    what success is. Attributes named in `VARIABLES` hold the state after the last step or reset.
+
+    Attributes:
+        NAME: the task's name.
+        FAMILY: "isaac" or "bidex", after the suite that it comes from.
+        DESCRIPTION: the task text that prompts show.
+        NUM_OBSERVATIONS: width of an observation.
+        NUM_ACTIONS: width of an action; each lies in [-1, 1].
+        EPISODE_LENGTH: control steps of the longest episode.
+        TIME_LIMIT: `progress` at which an episode has timed out.
+        CONTROL_DT: control step in seconds.
+        SUBSTEPS: physics steps in a control step.
+        OBSERVATION_CLIP: observations are clipped to +- this; infinity for none.
+        FIELDS: derived MuJoCo fields that the measurements read.
+        MEASURED: attributes that neither the physics state nor the other saved state gives back, saved as they are.
+        VARIABLES: what generated functions may read.
+        OBSERVATION_HELPERS: functions that `compute_observations` calls and prompts show with it.
+        num_envs: number of environments.
+        progress: steps of the running episodes, int64 `(num_envs,)`.
+        blown_up: simulations that diverged so far; each was started again.
+    """
+
+    NAME: ClassVar[str]
+    FAMILY: ClassVar[str]
+    DESCRIPTION: ClassVar[str]
+    NUM_OBSERVATIONS: ClassVar[int]
+    NUM_ACTIONS: ClassVar[int]
+    EPISODE_LENGTH: ClassVar[int]
+    TIME_LIMIT: ClassVar[int]
+    CONTROL_DT: ClassVar[float]
+    SUBSTEPS: ClassVar[int]
+    OBSERVATION_CLIP: ClassVar[float]
+    FIELDS: ClassVar[tuple[str, ...]] = ()
+    MEASURED: ClassVar[tuple[str, ...]] = ()
+    VARIABLES: ClassVar[tuple[Variable, ...]]
+    OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = ()
+
+    def __init__(self, num_envs: int, seed: int, threads: int) -> None:
+        """Builds the scene and starts every episode.
+
+        Args:
+            num_envs: number of environments.
+            seed: seed of the task's own generator, from which every reset draws.
+            threads: native threads of the physics; changes no result.
+
+        Raises:
+            TaskError: `num_envs` or `threads` is not positive.
+        """
+        if num_envs < 1 or threads < 1:
+            raise TaskError(
+                f"{self.NAME} needs at least one environment and one thread, and was given num_envs={num_envs} and "
+                f"threads={threads}. Give both as positive whole numbers."
+            )
+        self.num_envs = num_envs
+        self.device = torch.device("cpu")
+        self.control_dt = self.CONTROL_DT
+        self.blown_up = 0
+        self.progress = torch.zeros(num_envs, dtype=torch.int64)
+        self.actions = torch.zeros(num_envs, self.NUM_ACTIONS)
+        self._generator = torch.Generator().manual_seed(seed)
+        self._diverged = torch.zeros(num_envs, dtype=torch.bool)
+        self._physics = CpuPhysics(self.scene().compile(), num_envs, threads, self.FIELDS)
+        self._prepare()
+        self.reset(torch.ones(num_envs, dtype=torch.bool))
+
+    # What a task defines.
+
+    @classmethod
+    @abstractmethod
+    def scene(cls) -> mujoco.MjSpec:
+        """Returns the scene as a MuJoCo specification."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Looks up indices in the compiled model and makes the buffers that live as long as the task."""
+
+    @abstractmethod
+    def _start(self, ids: Tensor) -> None:
+        """Writes start states, drawn from the task's generator, into the restarted simulations `ids`."""
+
+    @abstractmethod
+    def _act(self) -> None:
+        """Turns `actions` into controls."""
+
+    @abstractmethod
+    def _measure(self) -> None:
+        """Sets the attributes named in `VARIABLES` from the physics, after a step."""
+
+    def _measure_started(self, ids: Tensor) -> None:
+        """Sets the same attributes after the episodes `ids` began; the other rows keep their values."""
+        del ids
+        self._measure()
+
+    @abstractmethod
+    def _record(self) -> None:
+        """Keeps the fitness statistic, after a step."""
+
+    @abstractmethod
+    def compute_observations(self) -> Tensor:
+        """Returns the observations before clipping, `(num_envs, NUM_OBSERVATIONS)`."""
+
+    @abstractmethod
+    def failed(self) -> Tensor:
+        """Returns which episodes the task's own rule ends, bool `(num_envs,)`."""
+
+    @abstractmethod
+    def fitness(self) -> float:
+        """Returns the task's fitness statistic now."""
+
+    @abstractmethod
+    def sparse_reward(self) -> Tensor:
+        """Returns the fitness as a reward of each step, float32 `(num_envs,)`."""
+
+    @abstractmethod
+    def human_reward(self) -> Tensor:
+        """Returns the reward that people wrote for the original task, float32 `(num_envs,)`."""
+
+    # What callers use.
+
+    def step(self, actions: Tensor) -> None:
+        """Advances every environment by one control step.
+
+        Args:
+            actions: `(num_envs, NUM_ACTIONS)`; clamped to [-1, 1].
+
+        Raises:
+            TaskError: `actions` has another shape.
+        """
+        if actions.shape != (self.num_envs, self.NUM_ACTIONS):
+            raise TaskError(
+                f"{self.NAME} expects actions of shape {(self.num_envs, self.NUM_ACTIONS)} (num_envs, NUM_ACTIONS), "
+                f"and step was given {tuple(actions.shape)}. Give one row for each environment."
+            )
+        self.actions = actions.detach().to(torch.float32).clamp(-1.0, 1.0)
+        self._act()
+        self._diverged = self._physics.advance(self.SUBSTEPS)
+        if self._diverged.any():
+            self._restart_diverged()
+        self.progress += 1
+        self._measure()
+        if self._diverged.any():
+            self._measure_started(self._diverged.nonzero().squeeze(-1))
+        self._record()
+
+    def observations(self) -> Tensor:
+        """Returns the observations now, float32 `(num_envs, NUM_OBSERVATIONS)`, in fresh memory."""
+        return self.compute_observations().clamp(-self.OBSERVATION_CLIP, self.OBSERVATION_CLIP)
+
+    def terminated(self) -> Tensor:
+        """Returns which episodes ended by the task's rule or because the simulation blew up, bool `(num_envs,)`."""
+        return self.failed() | self._diverged
+
+    def timed_out(self) -> Tensor:
+        """Returns which episodes reached the time limit, bool `(num_envs,)`."""
+        return self.progress >= self.TIME_LIMIT
+
+    def variables(self) -> dict[str, Value]:
+        """Returns every variable of `VARIABLES` by name. Tensors are copies: no caller can change the task by them."""
+        values: dict[str, Value] = {}
+        for variable in self.VARIABLES:
+            value = getattr(self, variable.name)
+            values[variable.name] = value.clone() if isinstance(value, Tensor) else value
+        return values
+
+    def reset(self, mask: Tensor) -> None:
+        """Starts a new episode where `mask` (bool `(num_envs,)`) is set, and touches no other environment."""
+        ids = mask.nonzero().squeeze(-1)
+        if not len(ids):
+            return
+        self._physics.restart(ids)
+        self._start(ids)
+        if self.FIELDS:
+            self._physics.refresh(ids)
+        self.progress[ids] = 0
+        self.actions[ids] = 0.0
+        self._diverged[ids] = False
+        self._measure_started(ids)
+
+    @property
+    def obs_buf(self) -> Tensor:
+        """The observations before clipping, `(num_envs, NUM_OBSERVATIONS)`."""
+        return self.compute_observations()
+
+    @property
+    def progress_buf(self) -> Tensor:
+        """`progress` under the name of the original environments."""
+        return self.progress
+
+    def state(self) -> dict[str, Tensor]:
+        """Returns copies of everything that a bit-exact continuation in another process needs."""
+        saved = {
+            "physics": self._physics.state(),
+            "generator": self._generator.get_state(),
+            "blown_up": torch.tensor(self.blown_up),
+            "diverged": self._diverged.clone(),
+            "progress": self.progress.clone(),
+            "actions": self.actions.clone(),
+        }
+        return saved | {f"measured/{name}": getattr(self, name).clone() for name in self.MEASURED}
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Continues from what `state` returned.
+
+        Raises:
+            TaskError: the state is of another task, another number of environments or another version.
+        """
+        self._check_state(state)
+        self._physics.load_state(state["physics"])
+        self._generator.set_state(state["generator"])
+        self.blown_up = int(state["blown_up"])
+        self._diverged = state["diverged"].clone()
+        self.progress = state["progress"].clone()
+        self.actions = state["actions"].clone()
+        for name in self.MEASURED:
+            setattr(self, name, state[f"measured/{name}"].clone())
+        self._remeasure()
+
+    @classmethod
+    def observation_source(cls) -> str:
+        """Returns the observation code as prompts show it: the variables, then the real `compute_observations`."""
+        lines = [
+            f"class {cls.NAME}:",
+            f"    # {cls.NUM_ACTIONS} actions in [-1, 1], control step {cls.CONTROL_DT:g} s, at most "
+            f"{cls.EPISODE_LENGTH} steps an episode.",
+            "    # First dimension num_envs, float32, quaternions (x, y, z, w), unless said.",
+        ]
+        for v in cls.VARIABLES:
+            shape = ", ".join(("num_envs", *map(str, v.shape)))
+            kind = f"({shape}{',' if not v.shape else ''})" if v.kind == "tensor" else v.kind
+            frame = "" if v.frame == "-" else f", {v.frame} frame"
+            lines.append(f"    # self.{v.name}: {kind}, {v.unit}{frame}: {v.meaning}")
+        source = textwrap.dedent(inspect.getsource(cls.compute_observations))
+        helpers = [inspect.getsource(helper) for helper in cls.OBSERVATION_HELPERS]
+        return "\n\n".join([*helpers, "\n".join(lines) + "\n\n" + textwrap.indent(source, "    ")])
+
+    # What the base does for itself.
+
+    def _remeasure(self) -> None:
+        """Sets the variables after a state was loaded."""
+        self._measure()
+
+    def _restart_diverged(self) -> None:
+        """Starts the diverged simulations again; `terminated` reports them until the caller resets them."""
+        ids = self._diverged.nonzero().squeeze(-1)
+        self.blown_up += len(ids)
+        self._physics.restart(ids)
+        self._start(ids)
+        if self.FIELDS:
+            self._physics.refresh(ids)
+
+    def _check_state(self, state: Mapping[str, Tensor]) -> None:
+        """Raises a TaskError when `state` does not have this task's keys and shapes."""
+        own = self.state()
+        found = {name: tuple(value.shape) for name, value in state.items()}
+        expected = {name: tuple(value.shape) for name, value in own.items()}
+        if found != expected:
+            wrong = sorted(k for k in found.keys() | expected.keys() if found.get(k) != expected.get(k))
+            raise TaskError(
+                f"The state of {self.NAME} with {self.num_envs} environments differs from the one to load in {wrong[0]}"
+                f" (expected {expected.get(wrong[0])}, found {found.get(wrong[0])}). Load a state that the same task "
+                "with the same number of environments wrote."
+            )
+
+    def _uniform(self, low: float, high: float, *shape: int) -> Tensor:
+        """Returns float32 draws from U[low, high) of the task's generator."""
+        return low + (high - low) * torch.rand(*shape, generator=self._generator)

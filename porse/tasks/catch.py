@@ -1,0 +1,104 @@
+"""The base of the tasks in which an egg flies from one hand to the other: Over and its relatives.
+
+An episode starts with the egg above the right hand and a goal pose above the left one; both orientations are random.
+"""
+
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks.hands import TwoHandTask, body_variables, goal_variables, two_hand_variables
+from porse.variables import Variable
+
+EGG_RADII = (0.03, 0.03, 0.04)
+EGG_DENSITY = 500.0
+NEAR = 0.03
+"""Distance (m) from the goal below which the egg is caught."""
+
+
+def add_egg(spec: mujoco.MjSpec, name: str) -> None:
+    """Adds a free egg."""
+    egg = spec.worldbody.add_body(name=name)
+    egg.add_freejoint(name=name)
+    egg.add_geom(
+        name=name, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=EGG_RADII, density=EGG_DENSITY, condim=4,
+        rgba=[0.9, 0.7, 0.3, 1],
+    )  # fmt: skip
+
+
+def add_goal_egg(spec: mujoco.MjSpec, name: str) -> None:
+    """Adds a goal that looks like the egg and touches nothing; the task moves it."""
+    goal = spec.worldbody.add_body(name=name, mocap=True)
+    goal.add_geom(
+        name=name, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=EGG_RADII, contype=0, conaffinity=0,
+        rgba=[0.3, 0.8, 0.4, 0.4],
+    )  # fmt: skip
+
+
+def catch_variables(actions: int, observations: int) -> tuple[Variable, ...]:
+    """Returns what the tasks with one egg offer."""
+    return (
+        *body_variables("object", "the egg"),
+        *goal_variables("goal", "the goal of the egg"),
+        *two_hand_variables(actions, observations, bodies=54, actors=4),
+    )
+
+
+class CatchTask(TwoHandTask):
+    """One egg and one goal.
+
+    Attributes:
+        EGG_START: start position of the egg (m), world frame.
+        EGG_NOISE: half width (m) of the start noise on each axis.
+        GOAL: position of the goal (m), world frame.
+        DROPPED: height (m) at which the egg is lost.
+        DISTANCE_SCALE: weight of the distance in the human reward.
+    """
+
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal")
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
+    EGG_START: ClassVar[tuple[float, float, float]]
+    EGG_NOISE: ClassVar[float]
+    GOAL: ClassVar[tuple[float, float, float]]
+    DROPPED: ClassVar[float]
+    DISTANCE_SCALE: ClassVar[float]
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the egg and its goal."""
+        add_egg(spec, "object")
+        add_goal_egg(spec, "goal")
+
+    def _place(self, ids: Tensor) -> None:
+        n = len(ids)
+        physics = self._physics
+        start = int(physics.model.joint("object").qposadr[0])
+        position = torch.tensor(self.EGG_START) + self._uniform(-self.EGG_NOISE, self.EGG_NOISE, n, 3)
+        orientation = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW]
+        physics.qpos[ids, start : start + 7] = torch.cat((position, orientation), dim=-1).double()
+        physics.mocap_pos[ids, 0] = torch.tensor(self.GOAL).double()
+        physics.mocap_quat[ids, 0] = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+
+    def _name_measurements(self) -> None:
+        self._name_body("object", "object")
+        self._name_body("goal", "goal")
+
+    def distance(self) -> Tensor:
+        """Returns the distance (m) between the egg and its goal, `(num_envs,)`."""
+        return torch.norm(self.goal_pos - self.object_pos, dim=-1)
+
+    def succeeded(self) -> Tensor:
+        """Returns where the egg is within 3 cm of its goal."""
+        return self.distance() < NEAR
+
+    def failed(self) -> Tensor:
+        """Returns where the egg was dropped."""
+        return self.object_pos[:, 2] <= self.DROPPED
+
+    def human_reward(self) -> Tensor:
+        """Returns exp(-0.2 (DISTANCE_SCALE d + angle to the goal's orientation))."""
+        turn = rotations.rotation_distance(self.object_rot, self.goal_rot)
+        return torch.exp(-0.2 * (self.DISTANCE_SCALE * self.distance() + turn))

@@ -1,0 +1,309 @@
+"""The base of the two-hand tasks: scene, actions, measurements, observations, resets and the success statistic.
+
+After Bi-DexHands: 60 Hz, two physics steps a control step, absolute joint targets, and for free hands a force and a
+torque on each forearm. A task adds its objects to the scene, places them at a reset, and says what success, failure
+and the human reward are.
+"""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks import shadow
+from porse.tasks.base import Task, plain_variables
+from porse.variables import Variable
+
+HAND_BODIES = len(shadow.BODIES)
+HAND_JOINTS = len(shadow.JOINTS)
+PALM = shadow.BODIES.index("palm")
+DISTAL = [shadow.BODIES.index(f"{finger}distal") for finger in shadow.FINGERS]
+
+_LINEAR_GAIN = 1e5
+_ANGULAR_GAIN = 1e3
+
+
+JOINT_RANGES = torch.tensor(shadow.RANGES)
+"""Lower and upper limits (rad) of a hand's joints, `(24, 2)`."""
+
+
+def body_variables(name: str, meaning: str) -> tuple[Variable, ...]:
+    """Returns pose, position, orientation and velocities of one body as variables."""
+    return (
+        Variable(f"{name}_pose", "tensor", (7,), "m, 1", "world", f"position and orientation of {meaning}"),
+        Variable(f"{name}_pos", "tensor", (3,), "m", "world", f"position of {meaning}"),
+        Variable(f"{name}_rot", "tensor", (4,), "1", "world", f"orientation of {meaning}"),
+        Variable(f"{name}_linvel", "tensor", (3,), "m/s", "world", f"linear velocity of {meaning}"),
+        Variable(f"{name}_angvel", "tensor", (3,), "rad/s", "world", f"angular velocity of {meaning}"),
+    )
+
+
+def goal_variables(name: str, meaning: str) -> tuple[Variable, ...]:
+    """Returns pose, position and orientation of a goal as variables."""
+    return body_variables(name, meaning)[:3]
+
+
+def point_variables(name: str, meaning: str) -> tuple[Variable, ...]:
+    """Returns position and orientation of a point as variables."""
+    return body_variables(name, meaning)[1:3]
+
+
+def hand_variables() -> tuple[Variable, ...]:
+    """Returns what every two-hand task offers about its hands."""
+    found: list[Variable] = []
+    for side, word in (("right", ""), ("left", "another_")):
+        tips = f"fingertips of the {side} hand (ff, mf, rf, lf, th)"
+        found += [
+            Variable(f"fingertip_{word}state", "tensor", (5, 13), "m, 1, m/s, rad/s", "world",
+                     f"position, orientation and velocities of the last links of the {tips}"),
+            Variable(f"fingertip_{word}pos", "tensor", (5, 3), "m", "world", f"positions of the last links, {tips}"),
+            Variable(f"shadow_hand_{word}dof_pos", "tensor", (24,), "rad", "joint", f"joint angles of the {side} hand"),
+            Variable(f"shadow_hand_{word}dof_vel", "tensor", (24,), "rad/s", "joint", f"joint speeds, {side} hand"),
+        ]  # fmt: skip
+    return (
+        *found,
+        Variable("dof_force_tensor", "tensor", (48,), "N m", "joint", "joint torques, right hand, then left"),
+        Variable("vec_sensor_tensor", "tensor", (60,), "N, N m", "body",
+                 "force and torque at each fingertip, right hand, then left"),
+    )  # fmt: skip
+
+
+class TwoHandTask(Task):
+    """Two Shadow Hands and some objects.
+
+    Attributes:
+        RIGHT: start pose of the right hand.
+        LEFT: start pose of the left hand.
+        FREE: whether the hands move as wholes; then an action begins with a force and a torque for each.
+        FORCE_SCALE: the original's transition_scale.
+        TORQUE_SCALE: the original's orientation_scale.
+        JOINT_NOISE: width of the start noise of the joints, as a share of their ranges.
+        OBJECT_BODIES: bodies that follow the hands' in `rigid_body_states`, in order.
+        ACTORS: the bodies that are roots of actors after the two hands, in order.
+        PER_ENV_STATISTIC: whether unfinished episodes keep their environment's last outcome or the last mean.
+        successes: outcome of the running episodes, 0 or 1, `(num_envs,)`.
+        outcomes: the statistic's memory: what an unfinished episode counts as, `(num_envs,)`.
+    """
+
+    FAMILY: ClassVar[str] = "bidex"
+    CONTROL_DT: ClassVar[float] = 0.01667
+    SUBSTEPS: ClassVar[int] = 2
+    OBSERVATION_CLIP: ClassVar[float] = float("inf")
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        "xpos", "xquat", "cvel", "subtree_com", "qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata",
+    )  # fmt: skip
+    MEASURED: ClassVar[tuple[str, ...]] = (
+        "rigid_body_states", "dof_force_tensor", "vec_sensor_tensor", "successes", "outcomes",
+    )  # fmt: skip
+
+    RIGHT: ClassVar[shadow.BasePose]
+    LEFT: ClassVar[shadow.BasePose]
+    FREE: ClassVar[bool]
+    FORCE_SCALE: ClassVar[float] = 0.0
+    TORQUE_SCALE: ClassVar[float] = 0.0
+    JOINT_NOISE: ClassVar[float] = 0.0
+    OBJECT_BODIES: ClassVar[tuple[str, ...]]
+    ACTORS: ClassVar[tuple[str, ...]]
+    PER_ENV_STATISTIC: ClassVar[bool] = False
+
+    successes: Tensor
+    outcomes: Tensor
+
+    @classmethod
+    def scene(cls) -> mujoco.MjSpec:
+        """Returns the hands above a floor, with the task's objects."""
+        spec = mujoco.MjSpec()
+        spec.modelname = cls.NAME
+        spec.option.timestep = cls.CONTROL_DT / cls.SUBSTEPS
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.worldbody.add_light(name="light", pos=[1, 0, 3], dir=[-0.3, 0, -1])
+        spec.worldbody.add_geom(
+            name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[3, 3, 0.1], rgba=[0.7, 0.7, 0.7, 1]
+        )
+        shadow.add_hand(spec, "right", cls.RIGHT, cls.FREE)
+        shadow.add_hand(spec, "left", cls.LEFT, cls.FREE)
+        cls.add_objects(spec)
+        return spec
+
+    @classmethod
+    @abstractmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the task's objects and goals to the scene."""
+
+    @abstractmethod
+    def _place(self, ids: Tensor) -> None:
+        """Writes start states of the objects and goals into the restarted simulations `ids`."""
+
+    @abstractmethod
+    def _name_measurements(self) -> None:
+        """Sets the task's own variables from `rigid_body_states` and the joints."""
+
+    @abstractmethod
+    def succeeded(self) -> Tensor:
+        """Returns where the task is solved now, bool `(num_envs,)`."""
+
+    def _prepare(self) -> None:
+        model = self._physics.model
+        sides = ("right", "left")
+        names = [f"{side}/{body}" for side in sides for body in shadow.BODIES] + list(self.OBJECT_BODIES)
+        bodies = [model.body(name).id for name in names]
+        self._bodies = torch.tensor(bodies)
+        self._roots = torch.tensor([model.body_rootid[body] for body in bodies])
+        actors = ["right/hand mount", "left/hand mount", *self.ACTORS]
+        self._actors = torch.tensor([names.index(name) for name in actors])
+        joints = [model.joint(f"{side}/{joint}") for side in sides for joint in shadow.JOINTS]
+        self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
+        self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
+        self._lower, self._upper = JOINT_RANGES[:, 0], JOINT_RANGES[:, 1]
+        self._driven = torch.tensor([shadow.JOINTS.index(joint) for joint in shadow.ACTUATED])
+        self._control_index = torch.tensor(
+            [model.actuator(f"{side}/A_{joint}").id for side in sides for joint in shadow.ACTUATED]
+        )
+        self._forearms = torch.tensor([model.body(f"{side}/forearm").id for side in sides])
+        sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
+        starts = [int(model.sensor(name).adr[0]) for name in sensors]
+        self._sensor_index = torch.tensor([start + axis for start in starts for axis in range(3)])
+        self.rigid_body_states = torch.zeros(self.num_envs, len(bodies), 13)
+        self.dof_force_tensor = torch.zeros(self.num_envs, 2 * HAND_JOINTS)
+        self.vec_sensor_tensor = torch.zeros(self.num_envs, 60)
+        self.successes = torch.zeros(self.num_envs)
+        self.outcomes = torch.zeros(self.num_envs)
+
+    def _start(self, ids: Tensor) -> None:
+        n = len(ids)
+        u = self._uniform(-1.0, 1.0, n, HAND_JOINTS)
+        noise = self.JOINT_NOISE * (self._lower + (self._upper - self._lower) * u)
+        # The original's noise leaves the joint ranges, and its contact solver pushes the joints back at once.
+        angles = (self._default_joints() + noise).clamp(self._lower, self._upper).double()
+        physics = self._physics
+        physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.repeat(1, 2)
+        physics.ctrl[ids.unsqueeze(-1), self._control_index] = angles[:, self._driven].repeat(1, 2)
+        self.successes[ids] = 0.0
+        self._place(ids)
+
+    def _default_joints(self) -> Tensor:
+        """Returns the joint angles (rad) of a hand at a start without noise, `(24,)`."""
+        return torch.zeros(HAND_JOINTS)
+
+    def _act(self) -> None:
+        actions = self.actions
+        if self.FREE:
+            push = actions.view(self.num_envs, 2, 26)[:, :, :6].double() * self.CONTROL_DT
+            push[:, :, :3] *= self.FORCE_SCALE * _LINEAR_GAIN
+            push[:, :, 3:] *= self.TORQUE_SCALE * _ANGULAR_GAIN
+            self._physics.force[:, self._forearms] = push
+        share = (actions.view(self.num_envs, 2, -1)[:, :, -20:] + 1.0) * 0.5
+        lower, upper = self._lower[self._driven], self._upper[self._driven]
+        targets = (lower + share * (upper - lower)).reshape(self.num_envs, -1)
+        self._physics.ctrl[:, self._control_index] = targets.double()
+
+    def _body_states(self, ids: Tensor | None) -> Tensor:
+        """Returns position, orientation and velocities `(..., bodies, 13)` of the listed bodies' frames."""
+        position = self._physics.read("xpos", ids)[:, self._bodies]
+        orientation = self._physics.read("xquat", ids)[:, self._bodies][..., rotations.XYZW_FROM_WXYZ]
+        velocity = self._physics.read("cvel", ids)[:, self._bodies]
+        centre = self._physics.read("subtree_com", ids)[:, self._roots]
+        # MuJoCo's body velocity is of the point of the body that coincides with its tree's centre of mass.
+        angular = velocity[..., :3]
+        linear = velocity[..., 3:] + torch.cross(angular, position - centre, dim=-1)
+        return torch.cat((position, orientation, linear, angular), dim=-1)
+
+    def _measure(self) -> None:
+        read = self._physics.read
+        self.rigid_body_states = self._body_states(None)
+        forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
+        self.dof_force_tensor = forces[:, self._qvel_index]
+        self.vec_sensor_tensor = read("sensordata")[:, self._sensor_index]
+        self._name_all()
+
+    def _measure_started(self, ids: Tensor) -> None:
+        self.rigid_body_states[ids] = self._body_states(ids)
+        # Forces belong to a step, and an episode that begins has had none.
+        self.dof_force_tensor[ids] = 0.0
+        self.vec_sensor_tensor[ids] = 0.0
+        self._name_all()
+
+    def _remeasure(self) -> None:
+        self._name_all()
+
+    def _name_all(self) -> None:
+        """Sets the attributes named in `VARIABLES` from the buffers."""
+        joints = self._physics.qpos[:, self._qpos_index].float()
+        speeds = self._physics.qvel[:, self._qvel_index].float()
+        self.shadow_hand_dof_pos, self.shadow_hand_another_dof_pos = joints.split(HAND_JOINTS, dim=-1)
+        self.shadow_hand_dof_vel, self.shadow_hand_another_dof_vel = speeds.split(HAND_JOINTS, dim=-1)
+        states = self.rigid_body_states
+        self.root_state_tensor = states[:, self._actors]
+        self.fingertip_state = states[:, DISTAL]
+        self.fingertip_another_state = states[:, [HAND_BODIES + body for body in DISTAL]]
+        self.fingertip_pos = self.fingertip_state[..., :3]
+        self.fingertip_another_pos = self.fingertip_another_state[..., :3]
+        self._name_measurements()
+
+    def _name_body(self, name: str, body: str) -> None:
+        """Sets `name`_pose, _pos, _rot, _linvel and _angvel from an object body."""
+        state = self.rigid_body_states[:, 2 * HAND_BODIES + self.OBJECT_BODIES.index(body)]
+        setattr(self, f"{name}_pose", state[:, 0:7])
+        setattr(self, f"{name}_pos", state[:, 0:3])
+        setattr(self, f"{name}_rot", state[:, 3:7])
+        setattr(self, f"{name}_linvel", state[:, 7:10])
+        setattr(self, f"{name}_angvel", state[:, 10:13])
+
+    def _record(self) -> None:
+        self.successes = torch.where(self.succeeded(), 1.0, self.successes)
+        finished = self.terminated() | self.timed_out()
+        self.outcomes = torch.where(finished, self.successes, self.outcomes)
+        if not self.PER_ENV_STATISTIC:
+            self.outcomes = self.outcomes.mean().repeat(self.num_envs)
+
+    def fitness(self) -> float:
+        """Returns the mean outcome of the episodes, as the statistic of the original keeps it."""
+        return float(self.outcomes.mean())
+
+    def sparse_reward(self) -> Tensor:
+        """Returns 1 where the task is solved now, else 0."""
+        return self.succeeded().float()
+
+    def random_rotations(self, n: int) -> Tensor:
+        """Returns start orientations Rx(pi u0) Ry(pi u1), u ~ U[-1, 1], `(n, 4)`."""
+        angle = self._uniform(-torch.pi, torch.pi, n, 2)
+        return rotations.multiply(rotations.about_axis(0, angle[:, 0]), rotations.about_axis(1, angle[:, 1]))
+
+
+def hand_observations(
+    dof_pos: Tensor, dof_vel: Tensor, dof_force: Tensor, tips: Tensor, sensors: Tensor, root: Tensor, actions: Tensor
+) -> Tensor:
+    """Returns one hand's part of the observations.
+
+    Joint angles scaled to [-1, 1] (24), 0.2 * joint speeds (24), 10 * joint torques (24), states of the five
+    fingertips (65), 10 * force and torque at each (30), position and Euler angles of a free hand (6) or nothing,
+    and the hand's last actions.
+    """
+    lower, upper = JOINT_RANGES[:, 0], JOINT_RANGES[:, 1]
+    return torch.cat(
+        (
+            (2.0 * dof_pos - upper - lower) / (upper - lower),
+            0.2 * dof_vel,
+            10.0 * dof_force,
+            tips.flatten(1),
+            10.0 * sensors,
+            root,
+            actions,
+        ),
+        dim=-1,
+    )
+
+
+def two_hand_variables(actions: int, observations: int, bodies: int, actors: int) -> tuple[Variable, ...]:
+    """Returns what every two-hand task offers besides its objects."""
+    listed = "right hand 0-25, left hand 26-51, objects from 52"
+    return (
+        *hand_variables(),
+        Variable("rigid_body_states", "tensor", (bodies, 13), "m, 1, m/s, rad/s", "world", f"all bodies: {listed}"),
+        Variable("root_state_tensor", "tensor", (actors, 13), "m, 1, m/s, rad/s", "world",
+                 "roots of the actors: right hand, left hand, objects"),
+        *plain_variables(observations, actions),
+    )  # fmt: skip

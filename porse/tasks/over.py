@@ -1,0 +1,61 @@
+"""Over: the right hand throws an egg, and the left hand catches it. Both hands are fixed, palms up, face to face."""
+
+import math
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks import shadow
+from porse.tasks.catch import CatchTask, catch_variables
+from porse.tasks.hands import hand_observations
+from porse.variables import Variable
+
+
+class Over(CatchTask):
+    """Throw from the right hand to the left one, with fixed bases."""
+
+    NAME: ClassVar[str] = "Over"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands with palms facing upwards stand opposite each other, with fixed bases; an object starts above "
+        "the right hand, which must throw it, since it can neither be rolled nor handed over, so that the left hand "
+        "catches it and holds it at the goal"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 398
+    NUM_ACTIONS: ClassVar[int] = 40
+    EPISODE_LENGTH: ClassVar[int] = 75
+    TIME_LIMIT: ClassVar[int] = 75
+    VARIABLES: ClassVar[tuple[Variable, ...]] = catch_variables(NUM_ACTIONS, NUM_OBSERVATIONS)
+    OBSERVATION_HELPERS = (hand_observations,)
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.0, 0.5), (0.0, 0.0, math.pi))
+    FREE: ClassVar[bool] = False
+    JOINT_NOISE: ClassVar[float] = 0.2
+    EGG_START: ClassVar[tuple[float, float, float]] = (0.0, -0.39, 0.54)
+    EGG_NOISE: ClassVar[float] = 0.01
+    GOAL: ClassVar[tuple[float, float, float]] = (0.0, -0.64, 0.54)
+    DROPPED: ClassVar[float] = 0.2
+    DISTANCE_SCALE: ClassVar[float] = 50.0
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 398)`: two hands of 187, then the egg and its goal."""
+        fixed = self.object_pos[:, :0]
+        return torch.cat(
+            (
+                hand_observations(
+                    self.shadow_hand_dof_pos, self.shadow_hand_dof_vel, self.dof_force_tensor[:, :24],
+                    self.fingertip_state, self.vec_sensor_tensor[:, :30], fixed, self.actions[:, :20],
+                ),
+                hand_observations(
+                    self.shadow_hand_another_dof_pos, self.shadow_hand_another_dof_vel, self.dof_force_tensor[:, 24:],
+                    self.fingertip_another_state, self.vec_sensor_tensor[:, 30:], fixed, self.actions[:, 20:],
+                ),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.goal_pose,
+                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
+            ),
+            dim=-1,
+        )  # fmt: skip

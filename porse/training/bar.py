@@ -1,0 +1,51 @@
+"""A rung's progress on the terminal: epochs, environment steps per second, fitness."""
+
+import time
+from collections.abc import Mapping
+from types import TracebackType
+
+import click
+
+from porse.training.job import Report
+
+
+class RungBar:
+    """One bar for all candidates of a rung, and a line when it is done.
+
+    Args:
+        label: which rung.
+        lengths: candidate id -> epochs to train.
+        steps_per_epoch: environment steps of one epoch.
+    """
+
+    def __init__(self, label: str, lengths: Mapping[str, int], steps_per_epoch: int) -> None:
+        self._label, self._candidates, self._epochs = label, len(lengths), sum(lengths.values())
+        self._steps_per_epoch = steps_per_epoch
+        self._fitness: dict[str, float] = {}
+        self._started = time.monotonic()
+        self._bar = click.progressbar(
+            length=self._epochs, label=label, item_show_func=lambda text: text or "", show_pos=True, show_eta=False,
+        )  # fmt: skip
+        self._done = 0
+
+    def __enter__(self) -> "RungBar":
+        self._bar.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.__exit__(kind, error, trace)
+        if kind is None:
+            best = f", best fitness {max(self._fitness.values()):.3f}" if self._fitness else ""
+            click.echo(f"{self._label}: {self._candidates} candidates, {self._done} epochs, {self._speed()}{best}")
+
+    def advance(self, report: Report) -> None:
+        """Shows that one epoch of one candidate is done."""
+        self._fitness[report.name] = report.fitness
+        self._done += 1
+        self._bar.update(1, f"{self._speed()}, best fitness {max(self._fitness.values()):.3f}")
+
+    def _speed(self) -> str:
+        elapsed = max(time.monotonic() - self._started, 1e-9)
+        return f"{self._done * self._steps_per_epoch / elapsed:,.0f} steps/s"

@@ -1,0 +1,108 @@
+"""Trains one policy for a number of epochs, from a policy or from a checkpoint, to a checkpoint.
+
+Split anywhere, a training gives the same bits: epochs 1..2H at once, or 1..H, a checkpoint, a new process, H+1..2H.
+PPO draws from torch's global generator, so a training owns its process.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from rsl_rl.algorithms import PPO
+from tensordict import TensorDict
+
+from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
+from porse.config import TrainParams
+from porse.identity import seed_for
+from porse.tasks.base import Task
+from porse.training.ppo import build_ppo
+from porse.training.reward import Reward
+from porse.training.snapshot import arrays, load_optimizer, load_policy, optimizer_arrays, policy_arrays, tensors
+from porse.training.vecenv import TaskEnv
+
+Progress = Callable[[int, float], None]
+"""Told after each epoch: the epoch and the fitness."""
+
+
+@dataclass(frozen=True)
+class EpochRow:
+    """One value of one series at one epoch."""
+
+    epoch: int
+    series: str
+    value: float
+
+
+def draw_policy(num_observations: int, num_actions: int, params: TrainParams, seed: int) -> Checkpoint:
+    """Returns a random policy of the task's sizes, theta_random, drawn from `seed`."""
+    torch.manual_seed(seed)
+    observations = TensorDict({"policy": torch.zeros(params.num_envs, num_observations)}, batch_size=[params.num_envs])
+    return policy_checkpoint(policy_arrays(build_ppo(observations, num_actions, params)))
+
+
+class Trainer:
+    """One training: a task, a reward, PPO, and the epochs done so far.
+
+    Args:
+        task: a fresh task.
+        reward: what pays.
+        params: PPO's parameters.
+        seed: names the training's draws; used when it starts from a policy.
+    """
+
+    def __init__(self, task: Task, reward: Reward, params: TrainParams, seed: int) -> None:
+        self._params = params
+        self._env = TaskEnv(task, reward)
+        torch.use_deterministic_algorithms(True)
+        torch.manual_seed(seed_for(seed, "ppo"))
+        self.epoch = 0
+        self._ppo: PPO = build_ppo(self._env.get_observations(), task.NUM_ACTIONS, params)
+
+    def load(self, path: Path) -> None:
+        """Goes on from the file at `path`: a policy starts at epoch 0, a checkpoint where it was written.
+
+        Raises:
+            CheckpointError: the file is missing, damaged, or of other networks.
+        """
+        checkpoint = read_checkpoint(path)
+        load_policy(self._ppo, checkpoint, path)
+        if checkpoint.scalars["kind"] == "policy":
+            return
+        load_optimizer(self._ppo, checkpoint)
+        self._env.task.load_state(tensors(checkpoint, "task"))
+        self._env.reward.load_state(tensors(checkpoint, "reward"))
+        torch.set_rng_state(tensors(checkpoint, "ppo")["generator"])
+        self.epoch = int(checkpoint.scalars["epoch"])
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint to `path`."""
+        content = {**policy_arrays(self._ppo), **optimizer_arrays(self._ppo)}
+        content |= arrays({"generator": torch.get_rng_state()}, "ppo")
+        content |= arrays(self._env.task.state(), "task") | arrays(self._env.reward.state(), "reward")
+        scalars = {"kind": "checkpoint", "epoch": self.epoch, "learning_rate": float(self._ppo.learning_rate)}
+        write_checkpoint(path, Checkpoint(content, scalars))
+
+    def train(self, until: int, progress: Progress) -> list[EpochRow]:
+        """Trains until epoch `until` is done and returns what was written down.
+
+        Raises:
+            CandidateFailed: the reward's functions failed; the rows of earlier epochs are lost with it.
+        """
+        rows: list[EpochRow] = []
+        self._ppo.train_mode()
+        observations = self._env.get_observations()
+        while self.epoch < until:
+            with torch.inference_mode():
+                for _ in range(self._params.steps_per_epoch):
+                    actions = self._ppo.act(observations)
+                    observations, rewards, ends, extras = self._env.step(actions)
+                    self._ppo.process_env_step(observations, rewards, ends, extras)
+                self._ppo.compute_returns(observations)
+            self._ppo.update()
+            self.epoch += 1
+            fitness = self._env.task.fitness()
+            series = {"fitness": fitness, **self._env.means.take()}
+            rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]
+            progress(self.epoch, fitness)
+        return rows

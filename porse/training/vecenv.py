@@ -1,0 +1,62 @@
+"""One task, one reward: the vector environment that rsl_rl trains on.
+
+Order of a step: the action moves the task, the reward is paid for the state that it led to, environments that ended are
+reset, and the observations of the states after the reset are returned (rsl_rl's same-step reset). `time_outs` marks
+ends by the time limit alone, where PPO goes on with the value of the last state.
+"""
+
+from typing import Any
+
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+from torch import Tensor
+
+from porse.tasks.base import Task
+from porse.training.reward import EpochMeans, Reward
+
+
+class TaskEnv(VecEnv):
+    """rsl_rl's view of a task and a reward.
+
+    Attributes:
+        task: the task that is trained on.
+        reward: what pays.
+        means: the series of the running epoch.
+    """
+
+    def __init__(self, task: Task, reward: Reward) -> None:
+        self.task, self.reward, self.means = task, reward, EpochMeans()
+        self.num_envs = task.num_envs
+        self.num_actions = task.NUM_ACTIONS
+        self.max_episode_length = task.EPISODE_LENGTH
+        self.device = torch.device("cpu")
+        self.cfg: dict[str, Any] = {}
+
+    @property
+    def episode_length_buf(self) -> Tensor:
+        """Steps of the running episodes, (num_envs,) int64."""
+        return self.task.progress
+
+    def get_observations(self) -> TensorDict:
+        """Returns the observations, {"policy": (num_envs, observations)}, of the states as they are."""
+        return TensorDict({"policy": self.task.observations()}, batch_size=[self.num_envs])
+
+    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
+        """Moves all environments by one control step.
+
+        Returns:
+            Observations after resets, rewards (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
+
+        Raises:
+            CandidateFailed: the reward's functions failed.
+        """
+        self.task.step(actions)
+        payment = self.reward.pay(self.task.variables())
+        terminated, timed_out = self.task.terminated(), self.task.timed_out()
+        self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
+        ends = terminated | timed_out
+        if bool(ends.any()):
+            self.task.reset(ends)
+        extras = {"time_outs": (timed_out & ~terminated).float()}
+        return self.get_observations(), payment.total.float(), ends, extras

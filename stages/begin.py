@@ -1,0 +1,30 @@
+"""Stage begin: what iteration 1 starts from, in the shape that `fuse` leaves for the others: no winner, theta_random."""
+
+from pathlib import Path
+
+import click
+
+from porse import tables
+from porse.checkpoint import write_checkpoint
+from porse.pool import policy_file
+from porse.stage import StageCommand, begin, folder, write_manifest
+
+
+@click.command(cls=StageCommand)
+@folder("out")
+def main(out: Path) -> None:
+    """Draws theta_random of iteration 1 and writes it with an empty winner and empty feedback."""
+    params = begin()
+    write_manifest()
+    from porse.training.start import random_policy
+
+    random = random_policy(params, 1)
+    write_checkpoint(policy_file(out, "random"), random)
+    # Nothing to fuse with: theta_f is theta_random (algorithm 1, n = 1).
+    write_checkpoint(policy_file(out, "fused"), random)
+    tables.write(out / "winner.parquet", tables.CANDIDATES, [])
+    tables.write(out / "feedback.parquet", tables.FEEDBACK, [])
+
+
+if __name__ == "__main__":
+    main()

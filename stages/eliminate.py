@@ -1,0 +1,34 @@
+"""Stage eliminate: ranks a trained pool and keeps the best."""
+
+from pathlib import Path
+
+import click
+
+from porse import tables
+from porse.pool import read_pool, write_pool
+from porse.search.elimination import rank, score, score_rows, survivor_rows, survivors
+from porse.search.schedule import find_rung
+from porse.stage import StageCommand, begin, folder, say
+
+
+@click.command(cls=StageCommand)
+@click.option("--iteration", required=True, type=int)
+@click.option("--rung", required=True)
+@folder("trained")
+@folder("out")
+def main(iteration: int, rung: str, trained: Path, out: Path) -> None:
+    """Writes the scores, the survivors, and the pool of the survivors."""
+    params = begin()
+    pool = read_pool(trained)
+    ranked = rank([score(row, pool.curves, params.eliminate.window) for row in pool.candidates])
+    kept = survivors(ranked, find_rung(params.rungs, rung).keep, f"iteration {iteration}, rung {rung}")
+    names = {entry.candidate_id for entry in kept}
+    tables.write(out / "scores.parquet", tables.SCORES, score_rows(ranked, names, iteration, rung))
+    tables.write(out / "survivors.parquet", tables.SURVIVORS, survivor_rows(kept, iteration, rung))
+    rows = [row for row in pool.candidates if row["candidate_id"] in names]
+    write_pool(out, rows, pool.curves, {row["policy"]: pool.policy(row) for row in rows})
+    say(f"iteration {iteration} rung {rung}: {len(kept)} of {len(ranked)} survive, best {kept[0].candidate_id} with fitness {kept[0].fitness:.3f}")
+
+
+if __name__ == "__main__":
+    main()

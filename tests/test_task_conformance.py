@@ -1,0 +1,195 @@
+"""What every registered task promises. Adding a task to `TASKS` adds it to every test here."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from porse.errors import TaskError
+from porse.tasks import TASKS, make_task
+from porse.tasks.base import Task
+
+ENVS = 4
+NAMES = sorted(TASKS)
+
+CONTINUE = """
+import sys
+import torch
+from safetensors.torch import load_file, save_file
+from porse.tasks import make_task
+name, source, target = sys.argv[1:]
+task = make_task(name, 4, seed=99)
+task.load_state(load_file(source))
+generator = torch.Generator().manual_seed(5)
+for _ in range(50):
+    task.step(torch.rand(4, task.NUM_ACTIONS, generator=generator) * 2 - 1)
+    task.reset(task.terminated() | task.timed_out())
+save_file(task.state() | {"observations": task.observations()}, target)
+"""
+
+
+def play(task: Task, steps: int, seed: int) -> None:
+    """Steps a task with random actions, resetting as a trainer does."""
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(steps):
+        task.step(torch.rand(task.num_envs, task.NUM_ACTIONS, generator=generator) * 2 - 1)
+        task.reset(task.terminated() | task.timed_out())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shapes_types_and_finiteness(name: str) -> None:
+    """Observations, rewards, flags and every variable have the declared shape and type, and no bad number."""
+    task = make_task(name, ENVS, seed=1)
+    play(task, 20, seed=2)
+    assert name == task.NAME
+    assert task.observations().shape == (ENVS, task.NUM_OBSERVATIONS)
+    for tensor in (task.observations(), task.sparse_reward(), task.human_reward()):
+        assert tensor.dtype == torch.float32
+        assert bool(tensor.isfinite().all())
+    assert task.sparse_reward().shape == task.human_reward().shape == (ENVS,)
+    for flag in (task.terminated(), task.timed_out()):
+        assert flag.dtype == torch.bool
+        assert flag.shape == (ENVS,)
+    assert isinstance(task.fitness(), float)
+    values = task.variables()
+    assert list(values) == [variable.name for variable in task.VARIABLES]
+    for variable in task.VARIABLES:
+        value = values[variable.name]
+        if variable.kind == "tensor":
+            assert isinstance(value, torch.Tensor)
+            assert value.shape == (ENVS, *variable.shape), variable.name
+            assert value.dtype in (torch.float32, torch.int64), variable.name
+            assert bool(value.isfinite().all()), variable.name
+        else:
+            assert type(value).__name__ == variable.kind, variable.name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_seed_gives_the_same_trajectory_at_any_thread_count(name: str) -> None:
+    """One thread and two: the same bits after 30 steps; another seed: other starts."""
+    one, two, other = (make_task(name, ENVS, seed=seed, threads=threads) for seed, threads in ((7, 1), (7, 2), (8, 1)))
+    assert not torch.equal(one.state()["physics"], other.state()["physics"])
+    play(one, 30, seed=3)
+    play(two, 30, seed=3)
+    for key, value in one.state().items():
+        assert torch.equal(value, two.state()[key]), key
+    assert torch.equal(one.observations(), two.observations())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_state_continues_exactly_in_a_new_process(name: str, tmp_path: Path) -> None:
+    """Fifty steps after a save: this process and a new one end with the same bits."""
+    task = make_task(name, ENVS, seed=4)
+    play(task, 10, seed=4)
+    save_file(task.state(), tmp_path / "saved.safetensors")
+    arguments = [name, str(tmp_path / "saved.safetensors"), str(tmp_path / "continued.safetensors")]
+    subprocess.run([sys.executable, "-c", CONTINUE, *arguments], check=True)
+    play(task, 50, seed=5)
+    continued = load_file(tmp_path / "continued.safetensors")
+    for key, value in (task.state() | {"observations": task.observations()}).items():
+        assert torch.equal(value, continued[key]), key
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_state_of_another_size_is_refused(name: str) -> None:
+    """The error names the entry that differs, and nothing is changed."""
+    task, other = make_task(name, 2, seed=1), make_task(name, 3, seed=1)
+    before = task.state()
+    with pytest.raises(TaskError, match=f"{name} with 2 environments"):
+        task.load_state(other.state())
+    assert all(torch.equal(value, before[key]) for key, value in task.state().items())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_returned_tensors_are_fresh_memory(name: str) -> None:
+    """No observation or variable shares memory with another call's, and writing into one changes nothing."""
+    task = make_task(name, ENVS, seed=1)
+    play(task, 4, seed=1)
+    first, second = task.observations(), task.observations()
+    assert first.data_ptr() != second.data_ptr()
+    for value in task.variables().values():
+        if isinstance(value, torch.Tensor):
+            value.fill_(3)
+    assert torch.equal(task.observations(), second)
+    assert task.progress.tolist() != [3] * ENVS
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reset_touches_only_its_environments(name: str) -> None:
+    """The others keep state and observation bit for bit; the reset one starts anew."""
+    task = make_task(name, ENVS, seed=1)
+    play(task, 5, seed=1)
+    state, observations = task.state(), task.observations()
+    task.reset(torch.tensor([False, True, False, False]))
+    kept = [0, 2, 3]
+    assert torch.equal(task.state()["physics"][kept], state["physics"][kept])
+    assert torch.equal(task.observations()[kept], observations[kept])
+    assert not torch.equal(task.state()["physics"][1], state["physics"][1])
+    assert int(task.progress[1]) == 0
+    drawn = task.state()["generator"]
+    task.reset(torch.zeros(ENVS, dtype=torch.bool))
+    assert torch.equal(task.state()["generator"], drawn)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_blown_up_simulation_is_started_again_and_counted(name: str) -> None:
+    """NaN in one environment: it alone ends, every number stays finite, and the count rises by one."""
+    task = make_task(name, ENVS, seed=1)
+    play(task, 2, seed=1)
+    task._physics.qvel[2, 0] = float("nan")
+    task.step(torch.zeros(ENVS, task.NUM_ACTIONS))
+    assert task.blown_up == 1
+    assert bool(task.terminated()[2])
+    assert bool(task.human_reward().isfinite().all())
+    assert bool(task.observations().isfinite().all())
+    task.reset(task.terminated())
+    assert not task.terminated()[2]
+    play(task, 5, seed=1)
+    assert task.blown_up == 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_time_limit_ends_an_episode(name: str) -> None:
+    """One step before the limit: not yet; at the limit: timed out."""
+    task = make_task(name, ENVS, seed=1)
+    task.progress[:] = task.TIME_LIMIT - 2
+    task.step(torch.zeros(ENVS, task.NUM_ACTIONS))
+    assert not task.timed_out().any()
+    task.step(torch.zeros(ENVS, task.NUM_ACTIONS))
+    assert bool(task.timed_out().all())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_source_that_prompts_show_names_exactly_the_variables(name: str) -> None:
+    """`self.<name>` in the text and the names offered are the same set."""
+    source = TASKS[name].observation_source()
+    assert set(re.findall(r"self\.(\w+)", source)) == {variable.name for variable in TASKS[name].VARIABLES}
+    assert "def compute_observations(self)" in source
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_object_of_the_scene_is_named(name: str) -> None:
+    """Bodies, joints, geoms, sites, actuators and sensors all have names."""
+    model = TASKS[name].scene().compile()
+    for kind in ("body", "joint", "geom", "site", "actuator", "sensor", "tendon"):
+        count = getattr(model, {"body": "nbody", "joint": "njnt", "actuator": "nu"}.get(kind, f"n{kind}"))
+        assert all(getattr(model, kind)(i).name for i in range(count)), kind
+
+
+def test_an_unknown_task_is_answered_with_the_nearest_names() -> None:
+    """The error names what was asked for and what there is."""
+    with pytest.raises(TaskError, match=r"'Quadcoptr'.*Quadcopter"):
+        make_task("Quadcoptr", 1, seed=0)
+
+
+def test_wrong_sizes_are_refused() -> None:
+    """No environments, and actions of another shape."""
+    with pytest.raises(TaskError, match="num_envs=0"):
+        make_task("Quadcopter", 0, seed=0)
+    task = make_task("Quadcopter", 2, seed=0)
+    with pytest.raises(TaskError, match=r"\(2, 12\).*\(2, 11\)"):
+        task.step(torch.zeros(2, 11))
