@@ -48,7 +48,7 @@ def policy_checkpoint(arrays: Mapping[str, NDArray[np.generic]]) -> Checkpoint:
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Writes the file whole: an interrupted write leaves no half file at `path`."""
-    arrays = {name: np.ascontiguousarray(array) for name, array in checkpoint.arrays.items()}
+    arrays = {name: np.asarray(array, order="C") for name, array in checkpoint.arrays.items()}
     scalars = canonical_json({"version": VERSION, **checkpoint.scalars})
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")

@@ -105,6 +105,7 @@ class TrainParams:
     activation: Literal["elu", "relu", "tanh"]
     init_std: Annotated[float, Range(1e-3)]
     normalise_observations: bool
+    reward_scale: Annotated[float, Range(1e-6)]
     learning_rate: Annotated[float, Range(1e-8, 1.0)]
     desired_kl: Annotated[float, Range(1e-6)]
     gamma: Fraction

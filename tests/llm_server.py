@@ -3,6 +3,7 @@
 import json
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -54,6 +55,12 @@ class ChatServer:
         class Server(ThreadingHTTPServer):
             daemon_threads = True
             request_queue_size = 256
+
+            def handle_error(self, request: object, client_address: object) -> None:
+                """Keeps quiet about connections that the client, or a misbehaviour, has dropped."""
+                error = sys.exc_info()[1]
+                if not isinstance(error, ConnectionError | ValueError):
+                    super().handle_error(request, client_address)
 
         self.server = Server(("127.0.0.1", 0), Handler)
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)

@@ -20,6 +20,7 @@ from porse.code.contract import (
     TORCH_FUNCTIONS,
     TORCH_MODULES,
 )
+from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program, import_names
 from porse.code.verdict import CodeError
 from porse.variables import Variable
@@ -35,8 +36,8 @@ _EXPRESSIONS = (
 )  # fmt: skip
 _REASONS: dict[type[ast.AST], str] = {
     ast.While: "while loops are not allowed, since they may never end; use tensor operations or for over range",
-    ast.Lambda: "lambda is not allowed; write a local function",
-    ast.FunctionDef: "a function inside a function is not allowed; put it beside the function",
+    ast.Lambda: "a lambda without a name is not allowed; write a local function",
+    ast.FunctionDef: "a function can stand only directly in the function's body or beside it",
     ast.ClassDef: "classes are not allowed",
     ast.Try: "try is not allowed; guard with torch.where or clamp",
     ast.Raise: "raise is not allowed",
@@ -280,7 +281,7 @@ class _FunctionCheck:
                 raise CodeError("static", f"{path} cannot be used like this", node.lineno)
         elif name == self.program.main.name:
             raise CodeError("static", f"the function {name} calls itself", node.lineno)
-        elif name not in BUILTINS and name not in HELPERS:
+        elif name not in BUILTINS and name not in HELPER_SOURCES:
             raise unknown_name(name, self.variables, self.local, node.lineno)
 
     def _attribute(self, node: ast.Attribute) -> bool:
@@ -306,7 +307,7 @@ class _FunctionCheck:
             self.read.add(node.attr)
         elif node.attr in self.program.helpers:
             self.helpers.add(node.attr)
-        elif node.attr not in HELPERS:
+        elif node.attr not in HELPER_SOURCES:
             raise unknown_variable(node.attr, self.variables, node.lineno)
 
     def _call(self, node: ast.Call) -> bool:

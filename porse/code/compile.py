@@ -15,7 +15,8 @@ from torch import Tensor
 from porse.code.check import check_program
 from porse.code.contract import MAX_COMPONENTS, MAX_NAME_CHARACTERS, MAX_NAMES
 from porse.code.emit import Emitted, emit
-from porse.code.graph import flatten, written_inputs
+from porse.code.alias import first_write
+from porse.code.graph import flatten, line_of
 from porse.code.portable import make_portable
 from porse.code.program import parse_program
 from porse.code.verdict import Check, CodeError
@@ -29,6 +30,7 @@ class _Function:
 
     Attributes:
         arguments: the task variable of each argument, in order; one may come twice.
+        line: the line of the source that returns the results.
     """
 
     def __init__(self, source: str, variables: Sequence[Variable], portable: bool) -> None:
@@ -37,19 +39,20 @@ class _Function:
         program = parse_program(source)
         emitted = emit(program, check_program(program, table), table)
         self.arguments = emitted.arguments
+        self.line = emitted.lines[-1]
         self._lines = emitted.lines
         self._variables = table
         self._tensor = next((name for name in self.arguments if table[name].kind == "tensor"), "")
         self._run = _script(emitted, portable)
 
     def _call(self, variables: Mapping[str, Any]) -> Any:
+        # Without its optimiser TorchScript runs the graph as it stands, so the first call and every later one give the
+        # same bits. The switch belongs to the whole process, so it is set here and not once.
+        torch._C._set_graph_executor_optimize(False)
         try:
             return self._run(*[variables[name] for name in self.arguments])
-        except RuntimeError as error:
+        except Exception as error:  # whatever TorchScript raises, the function has failed
             raise _translate(error, self._lines, "run") from None
-
-    def _line_of_return(self) -> int:
-        return self._lines[-1]
 
     def _dummies(self) -> dict[str, Any]:
         """Returns a value of the right kind for each argument, for three environments."""
@@ -63,13 +66,13 @@ class _Function:
     def _per_env(self, what: str, value: Any, num_envs: int) -> Tensor:
         """Returns `value` as float32 of shape (num_envs,)."""
         if not isinstance(value, Tensor):
-            raise CodeError("return", f"expected {what} to be a tensor, found {_kind(value)}", self._line_of_return())
+            raise CodeError("return", f"expected {what} to be a tensor, found {_kind(value)}", self.line)
         if value.dtype != torch.float32:
             value = value.to(torch.float32)
         if value.dim() == 1 and value.shape[0] == num_envs:
             return value
         found = f"expected {what} of shape (num_envs,), found {_shape(value, num_envs)}"
-        raise CodeError("shape", f"{found}; reduce the last dimension, or squeeze it", self._line_of_return())
+        raise CodeError("shape", f"{found}; reduce the last dimension, or squeeze it", self.line)
 
 
 class RewardFunction(_Function):
@@ -89,7 +92,7 @@ class RewardFunction(_Function):
             raise CodeError(
                 "return",
                 f"expected two results, the total reward and a dictionary of components, found {_kind(result)}",
-                self._line_of_return(),
+                self.line,
             )
         total, components = result
         num_envs = variables[self._tensor].shape[0] if self._tensor else 0
@@ -145,7 +148,7 @@ class MappingFunction(_Function):
             raise CodeError(
                 "return",
                 f"expected three lists, progress variables, directions and names, found {_kind(result)}",
-                self._line_of_return(),
+                self.line,
             )
         values, rises, names = (list(part) if isinstance(part, list | tuple) else [part] for part in result)
         if not len(values) == len(rises) == len(names) or not 0 < len(values) <= MAX_NAMES:
@@ -153,13 +156,13 @@ class MappingFunction(_Function):
                 "return",
                 f"expected three lists of one length, 1 to {MAX_NAMES}, found {len(values)} progress variables,"
                 f" {len(rises)} directions and {len(names)} names",
-                self._line_of_return(),
+                self.line,
             )
         if not all(isinstance(rise, bool) for rise in rises) or not all(isinstance(name, str) for name in names):
-            raise CodeError("return", "expected directions to be True or False and names to be text", self._line_of_return())
+            raise CodeError("return", "expected directions to be True or False and names to be text", self.line)
         plain = [plain_name(name) for name in names]
         if len(set(plain)) != len(plain):
-            raise CodeError("names", f"expected distinct names of progress variables, found {names}", self._line_of_return())
+            raise CodeError("names", f"expected distinct names of progress variables, found {names}", self.line)
         num_envs = variables[self._tensor].shape[0] if self._tensor else 0
         checked = [self._per_env(f"the progress variable {n}", v, num_envs) for n, v in zip(plain, values, strict=True)]
         return checked, rises, plain
@@ -199,20 +202,30 @@ def _script(emitted: Emitted, portable: bool) -> Any:
             graph = flatten(unit.find_function(emitted.name))
     except RuntimeError as error:
         raise _translate(error, emitted.lines, "compile") from None
-    written = [emitted.arguments[i] for i in written_inputs(graph)]
-    if written:
-        raise CodeError("inplace", f"the function changes its input {written[0]} in place; work on {written[0]}.clone()")
+    except CodeError as error:
+        raise CodeError(error.check, str(error), _source_line(emitted.lines, error.line)) from None
+    write = first_write(graph)
+    if write is not None:
+        name = emitted.arguments[write[0]]
+        line = _source_line(emitted.lines, line_of(write[1]))
+        raise CodeError("inplace", f"the function may change its input {name} in place; work on {name}.clone()", line)
     if portable:
         make_portable(graph)
     return torch._C._create_function_from_graph(emitted.name, graph)
 
 
-def _translate(error: RuntimeError, lines: Sequence[int], check: Check) -> CodeError:
+def _source_line(lines: Sequence[int], line: int) -> int:
+    return lines[line - 1] if 0 < line <= len(lines) else 0
+
+
+def _translate(error: Exception, lines: Sequence[int], check: Check) -> CodeError:
     """Returns TorchScript's error as one of ours: its core, without paths, at the line of the source."""
     text = str(error)
     numbers = [int(n) for n in re.findall(r'File "<string>", line (\d+)', text)]
     positions = [lines[n - 1] for n in numbers if 0 < n <= len(lines) and lines[n - 1]]
     core = text.rpartition("RuntimeError: ")[2] if "RuntimeError: " in text else text.split('File "', 1)[0]
+    if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
+        return CodeError("memory", "the function needs more memory than it may use", positions[-1] if positions else 0)
     core = re.sub(r"\s+", " ", re.sub(r"\b(porse|f)_(?=\w)", "", core)).strip(" :")[:600]
     if check == "compile" and re.search(r"type|argument|Expected", core):
         check = "type"

@@ -56,17 +56,17 @@ MAX_NAME_CHARACTERS = 64
 BUILTINS = frozenset("abs bool enumerate float int len max min range round sum zip isinstance print".split())
 
 TORCH_CONSTANTS = frozenset(
-    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor device".split()
+    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor device".split()
 )
 
 TORCH_FUNCTIONS = frozenset(
     """
     abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
     arctanh argmax argmin as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not bitwise_or
-    bmm broadcast_tensors cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate cos
+    bmm broadcast_tensors cat ceil chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate cos
     cosh cosine_similarity cross cummax cummin cumprod cumsum deg2rad diff dist div divide dot einsum eq erf exp exp2
     expm1 eye flatten flip floor floor_divide fmax fmin fmod frac full full_like gather ge greater greater_equal gt
-    heaviside hstack hypot index_select inner isclose isfinite isinf isnan kron le lerp less less_equal linspace log
+    heaviside hstack hypot index_select inner isclose isfinite isinf isnan le lerp less less_equal linspace log
     log10 log1p log2 logaddexp logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max
     maximum mean median min minimum mm movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm
     not_equal numel ones ones_like outer permute polar pow prod rad2deg ravel reciprocal relu remainder reshape roll
@@ -103,7 +103,7 @@ METHODS = frozenset(
     logsumexp long lt masked_fill matmul max maximum mean median min minimum mm movedim mul multiply mv nan_to_num
     nanmean nansum narrow ne neg norm numel outer permute pow prod rad2deg ravel reciprocal relu remainder repeat
     reshape roll round rsqrt select sgn sigmoid sign sin sinh size softmax sort split sqrt square squeeze std sub
-    subtract sum t tan tanh tile to topk transpose tril triu true_divide trunc type_as unbind unflatten unsqueeze var
+    subtract sum t tan tanh tile to topk transpose tril triu true_divide trunc type type_as unbind unflatten unsqueeze var
     view view_as where xlogy
     new_full new_ones new_tensor new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from porse.code.check import Reads, all_arguments, defaults, local_names, module_path
-from porse.code.contract import HELPERS
+from porse.code.hoist import number_type
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program, import_names
 from porse.code.verdict import CodeError
@@ -29,6 +29,7 @@ _FACTORIES = frozenset("torch.arange torch.eye torch.full torch.linspace torch.o
 _NUMBERS = {"torch.pi": "math.pi", "torch.e": "math.e", "torch.inf": "math.inf", "torch.nan": "math.nan",
             "numpy.pi": "math.pi", "numpy.e": "math.e", "numpy.inf": "math.inf", "numpy.nan": "math.nan"}  # fmt: skip
 _ALIASES = {"torch.concatenate": "torch.cat", "torch.as_tensor": "torch.tensor", "torch.absolute": "torch.abs"}
+_CONSTRUCTORS = ("torch.Tensor", "torch.FloatTensor")
 _DROPPED_CALLS = ("print",)
 
 
@@ -123,7 +124,7 @@ class _Writer:
             if is_main and name not in self.variables:
                 first.append(f"{name} = {self._default(argument, given[name])}")
                 continue
-            kind = _TYPE_OF_KIND[self.variables[name].kind] if is_main else self._type(argument.annotation)
+            kind = _TYPE_OF_KIND[self.variables[name].kind] if is_main else self._helper_type(argument, given.get(name))
             tail = f" = {self.expression(given[name])}" if name in given and not is_main else ""
             declared.append(f"{self._bind(name)}: {kind or 'Tensor'}{tail}")
             arguments.append(name)
@@ -136,6 +137,21 @@ class _Writer:
             self._line(1, text)
         self._body(self.function.body, 1)
         return (*self.needs[self.function.name], *arguments)
+
+    def _helper_type(self, argument: ast.arg, default: ast.expr | None) -> str:
+        """Returns the type of a helper's argument: as declared, of its default, or of the numbers it is called with."""
+        if argument.annotation is not None:
+            return self._type(argument.annotation)
+        if number_type(default):
+            return number_type(default)
+        position = all_arguments(self.function).index(argument)
+        kinds: set[str] = set()
+        for function in [*self.program.helpers.values(), self.program.main]:
+            for node in ast.walk(function):
+                if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == self.function.name:
+                    values = [k.value for k in node.keywords if k.arg == argument.arg] or node.args[position : position + 1]
+                    kinds.update(_known_type(value, function, self.variables) for value in values)
+        return kinds.pop() if len(kinds) == 1 and kinds != {""} else "Tensor"
 
     def _default(self, argument: ast.arg, value: ast.expr) -> str:
         text = self.expression(value)
@@ -292,7 +308,7 @@ class _Writer:
             return f"porse_{name}"
         if name in self.modules:
             return self._path(self.modules[name])
-        if name in HELPERS:
+        if name in HELPER_SOURCES and name != "sum":
             self.used.add(name)
             return f"porse_{name}"
         return name
@@ -397,10 +413,19 @@ class _Writer:
         if path == "torch.jit.annotate":
             return f"torch.jit.annotate({self._type(node.args[0])}, {arguments[1]})"
         function = self.expression(node.func)
+        if function in _CONSTRUCTORS and len(node.args) == 1 and isinstance(node.args[0], ast.List | ast.Tuple):
+            function, keywords = "torch.tensor", [("dtype", "torch.float32"), *keywords]
         if function in _FACTORIES and self.device and all(name != "device" for name, _ in keywords):
             keywords.append(("device", self.device))
         if isinstance(node.func, ast.Attribute) and not path and node.func.attr == "norm":
             function, arguments = "torch.norm", [self.expression(node.func.value), *arguments]
+        if function == "torch.cross" or (isinstance(node.func, ast.Attribute) and not path and node.func.attr == "cross"):
+            # Without a dimension torch.cross takes the first of size 3, which is the wrong one for three environments.
+            arguments = arguments if path else [self.expression(node.func.value), *arguments]
+            function = "torch.linalg.cross"
+            keywords += [("dim", arguments.pop(2))] if len(arguments) > 2 else []
+        if isinstance(node.func, ast.Attribute) and not path and node.func.attr == "type":
+            function = f"{self.expression(node.func.value)}.to"
         if function == "sum" and len(arguments) == 1 and not keywords:
             self.used.add("sum")
             function = "porse_sum"
@@ -417,6 +442,23 @@ class _Writer:
         if is_method and function.value.id == "self" and function.attr in self.program.helpers:
             return function.attr
         return ""
+
+
+def _known_type(node: ast.expr, function: ast.FunctionDef, variables: Mapping[str, Variable]) -> str:
+    """Returns the type of a call's argument where it is plain to see: a number, or a name that is always a number."""
+    if number_type(node) or not isinstance(node, ast.Name):
+        return number_type(node)
+    for argument in all_arguments(function):
+        if argument.arg == node.id:
+            declared = argument.annotation.id if isinstance(argument.annotation, ast.Name) else ""
+            known = variables[node.id].kind if node.id in variables else declared
+            return known if known in ("int", "float") else number_type(defaults(function).get(node.id))
+    kinds = {
+        number_type(n.value)
+        for n in ast.walk(function)
+        if isinstance(n, ast.Assign) and any(isinstance(t, ast.Name) and t.id == node.id for t in n.targets)
+    }
+    return kinds.pop() if len(kinds) == 1 else ""
 
 
 def text_literal(value: str) -> str:

@@ -1,9 +1,11 @@
-"""The compiled graph: the second allow-list, over operators, the rule against changing inputs, and portable forms.
+"""The compiled graph: the second allow-list, over operators, and what only the graph can tell.
 
-After inlining and constant folding the graph holds every operator that will run, those of torch's own Python functions
-included. An operator that is not on the list does not run.
+After inlining it holds every operator that will run, those of torch's own Python functions included. An operator that
+is not on the list does not run. The graph also tells whether a size or a count depends on data, so that memory and
+time could grow after the probe.
 """
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,29 +16,28 @@ from porse.code.verdict import CodeError
 
 _INTERNAL = frozenset(
     """
-    __contains__ __getitem__ __is__ __isnot__ __not__ __and__ __or__ __xor__ __range_length __derive_index _set_item
-    Bool Float FloatImplicit Int IntImplicit ScalarImplicit append clamp_min_ copy_ dict device dtype embedding
-    expand_as extend format frobenius_norm index index_put_ items keys values len linalg_cross linalg_vector_norm
-    linalg_norm linalg_matrix_norm list ndim neg norm nuclear_norm percentFormat slice special_expit str type_as unchecked_cast warn
-    layout is_floating_point masked_select softmin pairwise_distance degrees radians fabs isnan isinf isfinite cdist
-    add_ sub_ mul_ div_ relu_ elu leaky_relu huber_loss smooth_l1_loss mse_loss l1_loss hardtanh hardsigmoid hardswish
-    log_sigmoid softplus celu selu silu mish gelu threshold relu6 softsign alias
+    Bool Float FloatImplicit Int IntImplicit ScalarImplicit __and__ __contains__ __derive_index __getitem__ __is__
+    __isnot__ __not__ __or__ __range_length __xor__ _set_item append clamp_min_ copy_ device dict embedding extend fabs
+    format frobenius_norm index index_put_ items keys len linalg_matrix_norm linalg_vector_norm list log_sigmoid
+    masked_fill_ ndim nuclear_norm degrees radians relu_ slice str type_as values warn is_floating_point elu celu
+    copy cosine_similarity dtype layout rsub hardswish scalar_tensor floordiv mod remainder eq ne round floor ceil pow
     """.split()  # noqa: SIM905
 )
 _ALLOWED = (
     TORCH_FUNCTIONS
     | METHODS
     | _INTERNAL
-    | {f"linalg_{name}" for name in TORCH_MODULES["linalg"]}
-    | {f"special_{name}" for name in TORCH_MODULES["special"]}
+    | {f"{module}_{name}" for module in ("linalg", "special") for name in TORCH_MODULES[module]}
+    | TORCH_MODULES["nn.functional"]
 )
 _PRIM = frozenset(
     """
-    Constant DictConstruct If ListConstruct ListUnpack Loop TupleConstruct TupleIndex TupleUnpack TupleSlice Uninitialized
-    data device dtype is_cuda layout max min abs type unchecked_cast isinstance NumToTensor Print RaiseException shape
-    requires_grad unchecked_unwrap_optional EnumName ComprehensionScope is_nested
+    ComprehensionScope Constant DictConstruct If ListConstruct ListUnpack Loop NumToTensor Print RaiseException
+    TupleConstruct TupleIndex TupleSlice TupleUnpack Uninitialized abs data device dtype is_cuda isinstance is_nested
+    layout max min requires_grad shape type unchecked_cast unchecked_unwrap_optional
     """.split()  # noqa: SIM905
 )
+_SIZES = frozenset(("aten::size", "aten::len", "aten::dim", "aten::ndim", "aten::numel", "prim::dtype", "prim::layout"))
 
 
 def nodes(block: Any) -> Iterator[Any]:
@@ -47,31 +48,53 @@ def nodes(block: Any) -> Iterator[Any]:
             yield from nodes(inner)
 
 
+def line_of(node: Any) -> int:
+    """Returns the line of the compiled text that a node comes from, 0 for none."""
+    found = re.findall(r'File "<string>", line (\d+)', node.sourceRange())
+    return int(found[-1]) if found else 0
+
+
 def flatten(function: Any) -> Any:
-    """Returns a copy of a compiled function's graph with all calls inlined and constant branches resolved."""
+    """Returns a copy of a compiled function's graph, checked, with calls inlined and constants folded.
+
+    Raises:
+        CodeError: an operator is not on the list, or a size depends on data; check "static".
+    """
     graph = function.graph.copy()
     torch._C._jit_pass_inline(graph)
-    check_operators(graph)
+    _check_operators(graph)
     torch._C._jit_pass_constant_propagation(graph)
     torch._C._jit_pass_peephole(graph, False)
     torch._C._jit_pass_dce(graph)
+    _check_sizes(graph)
     return graph
 
 
-def check_operators(graph: Any) -> None:
-    """Refuses a graph with an operator that is not on the list.
-
-    Raises:
-        CodeError: check "static".
-    """
+def _check_operators(graph: Any) -> None:
     for node in nodes(graph):
         space, _, name = node.kind().partition("::")
-        allowed = (space == "aten" and name in _ALLOWED) or (space == "prim" and name in _PRIM)
-        if not allowed:
-            raise CodeError("static", f"the operator {node.kind()} is not on the list of allowed operators")
+        if not (space == "aten" and name in _ALLOWED) and not (space == "prim" and name in _PRIM):
+            raise CodeError("static", f"the operator {node.kind()} is not on the list of allowed operators", line_of(node))
 
 
-def written_inputs(graph: Any) -> list[int]:
-    """Returns the positions of arguments that the graph may change in place."""
-    aliases = graph.alias_db()
-    return [i for i, value in enumerate(graph.inputs()) if aliases.has_writers(value)]
+def _check_sizes(graph: Any) -> None:
+    """Refuses integers that are made from data: only shapes, loop counts and constants may size anything."""
+    for node in nodes(graph):
+        kind = node.kind()
+        whole = [value for value in node.outputs() if value.type().str() in ("int", "Scalar")]
+        if kind == "aten::arange":
+            sizes = [value for value in node.inputs() if value.type().str() in ("float", "Scalar", "number")]
+            whole = [value for value in sizes if value.node().kind() != "prim::Constant"]
+        elif kind in _SIZES or kind == "aten::item" or not any(_is_data(value) for value in node.inputs()):
+            continue
+        if whole:
+            raise CodeError(
+                "static",
+                f"{kind.partition('::')[2]} makes a whole number or a size from the values of a tensor, which is not"
+                " allowed; sizes come from shapes and num_envs, and tensors stay tensors",
+                line_of(node),
+            )
+
+
+def _is_data(value: Any) -> bool:
+    return value.type().str() in ("Tensor", "float", "Scalar", "number") and value.node().kind() != "prim::Constant"

@@ -1,4 +1,8 @@
-"""TorchScript source of the helpers that generated code may call without defining them."""
+"""TorchScript source of the helpers that generated code may call without defining them.
+
+`dist` and `rot_dist` are in the contract. The quaternion helpers (xyzw) bear the names that functions written for the
+original environments find in scope there; they are accepted, and no prompt advertises them.
+"""
 
 HELPER_SOURCES: dict[str, str] = {
     "dist": """\
@@ -19,5 +23,40 @@ def porse_sum(values: List[Tensor]):
         total = total + values[i]
     return total
 """,
+    "quat_conjugate": """\
+def porse_quat_conjugate(a: Tensor):
+    return torch.cat([(-a[..., 0:3]), a[..., 3:4]], -1)
+""",
+    "quat_mul": """\
+def porse_quat_mul(a: Tensor, b: Tensor):
+    u = a[..., 0:3]
+    v = b[..., 0:3]
+    s = a[..., 3:4]
+    t = b[..., 3:4]
+    return torch.cat([((s * v) + (t * u)) + torch.linalg.cross(u, v, dim=-1), (s * t) - torch.sum((u * v), -1, True)], -1)
+""",
+    "quat_rotate": """\
+def porse_quat_rotate(q: Tensor, v: Tensor):
+    t = 2.0 * torch.linalg.cross(q[..., 0:3], v, dim=-1)
+    return (v + (q[..., 3:4] * t)) + torch.linalg.cross(q[..., 0:3], t, dim=-1)
+""",
+    "quat_apply": """\
+def porse_quat_apply(q: Tensor, v: Tensor):
+    t = 2.0 * torch.linalg.cross(q[..., 0:3], v, dim=-1)
+    return (v + (q[..., 3:4] * t)) + torch.linalg.cross(q[..., 0:3], t, dim=-1)
+""",
+    "quat_rotate_inverse": """\
+def porse_quat_rotate_inverse(q: Tensor, v: Tensor):
+    t = 2.0 * torch.linalg.cross(q[..., 0:3], v, dim=-1)
+    return (v - (q[..., 3:4] * t)) + torch.linalg.cross(q[..., 0:3], t, dim=-1)
+""",
+    "normalize": """\
+def porse_normalize(x: Tensor, eps: float = 1e-09):
+    return x / torch.clamp(torch.linalg.vector_norm(x, 2, [-1], True), min=eps)
+""",
+    "tensor_clamp": """\
+def porse_tensor_clamp(t: Tensor, low: Tensor, high: Tensor):
+    return torch.maximum(torch.minimum(t, high), low)
+""",
 }
-"""`rot_dist` is the angle of q1 * conjugate(q2), quaternions xyzw."""
+"""`rot_dist` is the angle of q1 * conjugate(q2); `sum` adds the tensors of a list."""

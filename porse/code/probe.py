@@ -22,23 +22,24 @@ from porse.code.verdict import CodeError, Verdict
 from porse.variables import Variable
 
 _MAX_ANSWER = 100_000
+_OUT_OF_MEMORY = 3
 
 
 def main() -> None:
     """Serves requests from standard input until it ends."""
     torch.set_num_threads(1)
-    setup = json.loads(sys.stdin.buffer.readline())
-    variables = [Variable(**{**v, "shape": tuple(v["shape"])}) for v in setup["variables"]]
-    limits = Limits(**setup["limits"])
+    limits = Limits(**json.loads(sys.stdin.buffer.readline())["limits"])
     answers = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    variables: list[Variable] = []
     values: dict[str, Any] = {}
-    warm_up(variables)
+    warm_up()
     seal()
     for line in sys.stdin.buffer:
         request = json.loads(line)
         if "states" in request:
             try:
+                variables = [Variable(**{**v, "shape": tuple(v["shape"])}) for v in request["variables"]]
                 values = load_states(Path(request["states"]), variables)
                 answer: dict[str, Any] = {"ready": True}
             except Exception as error:  # noqa: BLE001 (whatever is wrong with the file is told to the parent)
@@ -60,7 +61,7 @@ def _serve(request: dict[str, Any], variables: list[Variable], values: dict[str,
             os.write(write_end, json.dumps(verdict.__dict__).encode()[:_MAX_ANSWER])
             code = 0
         except MemoryError:
-            code = 3
+            code = _OUT_OF_MEMORY
         finally:
             os._exit(code)
     os.close(write_end)
@@ -96,7 +97,7 @@ def _verdict(text: bytes, in_time: bool, status: int, limits: Limits) -> Verdict
         answer = json.loads(text)
         return Verdict(**{**answer, "names": tuple(answer["names"]), "rises": tuple(answer["rises"])})
     except (ValueError, TypeError, KeyError):
-        if os.WIFEXITED(status) and os.WEXITSTATUS(status) == 3:
+        if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _OUT_OF_MEMORY:
             return Verdict(False, "memory", f"the function needs more than {limits.memory_mib} MiB of memory", 0)
         return Verdict(False, "crash", "the function ended its process", 0)
 

@@ -7,6 +7,7 @@ import ast
 from dataclasses import dataclass
 
 from porse.code.contract import MAX_SOURCE_LINES, MODULES
+from porse.code.hoist import hoist
 from porse.code.scan import parse_source
 from porse.code.verdict import CodeError
 
@@ -65,7 +66,13 @@ def parse_program(source: str) -> Program:
     if not functions:
         raise CodeError("extract", "expected a function, found none")
     *helpers, main = functions.values()
-    return Program(main, {f.name: f for f in helpers}, constants, modules)
+    found = {f.name: f for f in helpers}
+    for function in [*helpers, main]:
+        for inner in hoist(function):
+            if inner.name in found or inner.name == main.name:
+                raise CodeError("static", f"two functions are named {inner.name}; give each a name of its own", inner.lineno)
+            found[inner.name] = inner
+    return Program(main, found, constants, modules)
 
 
 def import_names(node: ast.Import | ast.ImportFrom) -> dict[str, str]:

@@ -29,9 +29,13 @@ class Sandbox:
     two pipes. What each function may use is limited in `porse.code.confine`.
     """
 
-    def __init__(self, variables: Sequence[Variable], limits: Limits) -> None:
+    def __init__(self, limits: Limits) -> None:
         """Starts the child process."""
         self._limits = limits
+        self._loaded: tuple[Path, Sequence[Variable]] | None = None
+        self._start()
+
+    def _start(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="porse-probe-")
         root = str(Path(__file__).resolve().parents[2])
         environment = {**ENVIRONMENT["portable"], "PYTHONPATH": root, "LC_ALL": "C.UTF-8", "HOME": self._folder.name}
@@ -45,7 +49,7 @@ class Sandbox:
             env=environment,
             start_new_session=True,
         )
-        self._send({"variables": [asdict(variable) for variable in variables], "limits": asdict(limits)})
+        self._send({"limits": asdict(self._limits)})
 
     def __enter__(self) -> Self:
         """Returns itself."""
@@ -72,13 +76,14 @@ class Sandbox:
                     pass
         self._folder.cleanup()
 
-    def load(self, states: Path) -> None:
+    def load(self, states: Path, variables: Sequence[Variable]) -> None:
         """Makes the child read real states of the task; waits until it has.
 
         Raises:
             CodeError: the child did not start.
         """
-        self._send({"states": str(states.resolve())})
+        self._loaded = (states, variables)
+        self._send({"states": str(states.resolve()), "variables": [asdict(variable) for variable in variables]})
         answer = self._receive(self._limits.startup_s)
         if answer.get("ready") is not True:
             problem = answer.get("error") or "it ended or did not answer"
@@ -98,7 +103,15 @@ class Sandbox:
                 rises=tuple(bool(rise) for rise in answer["rises"]),
             )
         except (KeyError, TypeError, ValueError):
+            self._restart()
             return Verdict(False, "crash", "the probe process ended while it ran this function", 0)
+
+    def _restart(self) -> None:
+        """Starts a new child in place of one that is of no use any more."""
+        self.close()
+        self._start()
+        if self._loaded is not None:
+            self.load(*self._loaded)
 
     def _send(self, message: dict[str, Any]) -> None:
         assert self._process.stdin is not None  # noqa: S101 (opened as a pipe)

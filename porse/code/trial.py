@@ -1,6 +1,7 @@
-"""The first runs of a function, on real states and on disturbed ones, and the verdict they lead to."""
+"""The first runs of a function, on real states, on more environments and on disturbed states, and their verdict."""
 
-import random
+import types
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,47 +9,58 @@ import torch
 from torch import Tensor
 
 from porse.code.compile import MappingFunction, RewardFunction, compile_mapping, compile_reward
-from porse.code.contract import Kind
+from porse.code.contract import TORCH_MODULES, Kind
 from porse.code.verdict import CodeError, Verdict
 from porse.variables import Variable
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
-"""Sizes of the disturbances that a function must react to, times the spread of each variable or 1."""
+"""Sizes of the disturbances that an output must react to, times the spread of each variable, or times 1."""
+_MANY = 2048
+"""Environments of the second run: it shows what memory and time grow with."""
+
+Compiled = RewardFunction | MappingFunction
 
 
 def try_function(source: str, kind: Kind, variables: Sequence[Variable], values: Mapping[str, Any]) -> Verdict:
-    """Returns the verdict on one source; its line is a line of the source."""
+    """Returns the verdict on one source; its line is a line of the source.
+
+    Args:
+        source: the normalised source.
+        kind: "reward" or "mapping".
+        variables: what the task offers.
+        values: the value of each variable in real states.
+    """
+    compiler = compile_reward if kind == "reward" else compile_mapping
     try:
-        for portable in (False, True):
-            names, rises = _try_one(source, kind, variables, values, portable)
+        plain, portable = (compiler(source, variables, form) for form in (False, True))
+        with torch.inference_mode():
+            names, rises = _check_runs(portable, values)
+            _outputs(plain, values)
     except CodeError as error:
         return Verdict(False, error.check, str(error), error.line)
-    except (MemoryError, RuntimeError) as error:
-        if isinstance(error, MemoryError) or "memory" in str(error):
-            return Verdict(False, "memory", "the function needs more memory than it may use", 0)
-        raise
+    except MemoryError:
+        return Verdict(False, "memory", "the function needs more memory than it may use", 0)
     return Verdict(True, "ok", "", 0, names, rises)
 
 
-def _try_one(
-    source: str, kind: Kind, variables: Sequence[Variable], values: Mapping[str, Any], portable: bool
-) -> tuple[tuple[str, ...], tuple[bool, ...]]:
-    compiler = compile_reward if kind == "reward" else compile_mapping
-    function = compiler(source, variables, portable)
-    if not function.arguments:
-        raise CodeError("constant", "the function reads no variable of the task, so that its output never changes")
-    with torch.inference_mode():
-        before = {n: v.clone() if isinstance(v, Tensor) else v for n, v in values.items() if n in function.arguments}
-        outputs, rises = _outputs(function, before)
-        _check_inputs(function, before, values)
-        for name, output in outputs.items():
-            _check_finite(name, output, function, values)
-        _check_reacts(function, values, outputs)
-    names = tuple(name for name in outputs if name != "")
-    return names, rises
+def _check_runs(function: Compiled, values: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[bool, ...]]:
+    """Returns names and directions after all runs."""
+    if not any(isinstance(values[name], Tensor) for name in function.arguments):
+        raise CodeError("constant", "the function reads no state of the task, so its output never changes", function.line)
+    given = {n: v.clone() if isinstance(v, Tensor) else v for n, v in values.items() if n in function.arguments}
+    outputs, rises = _outputs(function, given)
+    _check_inputs(function, given, values)
+    for name, output in outputs.items():
+        _check_finite(name, output, function, values)
+    for other in ({n: _tiled(n, v) for n, v in given.items()}, given):
+        again, flags = _outputs(function, other)
+        if again.keys() != outputs.keys() or flags != rises:
+            raise CodeError("names", "names and directions must be the same in every call", function.line)
+    _check_reacts(function, values, outputs)
+    return tuple(name for name in outputs if name), rises
 
 
-def _outputs(function: RewardFunction | MappingFunction, values: Mapping[str, Any]) -> tuple[dict[str, Tensor], tuple[bool, ...]]:
+def _outputs(function: Compiled, values: Mapping[str, Any]) -> tuple[dict[str, Tensor], tuple[bool, ...]]:
     """Returns every output by name, the total reward as "", and the directions."""
     if isinstance(function, RewardFunction):
         total, components = function(values)
@@ -57,31 +69,44 @@ def _outputs(function: RewardFunction | MappingFunction, values: Mapping[str, An
     return dict(zip(names, progress, strict=True)), tuple(rises)
 
 
-def _check_inputs(function: RewardFunction | MappingFunction, after: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+def _tiled(name: str, value: Any) -> Any:
+    """Returns the values of `_MANY` environments: the same states again and again."""
+    if isinstance(value, Tensor):
+        rounds = -(-_MANY // value.shape[0])
+        return value.repeat(rounds, *[1] * (value.dim() - 1))[:_MANY]
+    return _MANY if name == "num_envs" else value
+
+
+def _check_inputs(function: Compiled, after: Mapping[str, Any], values: Mapping[str, Any]) -> None:
     for name in function.arguments:
-        if isinstance(values[name], Tensor) and not torch.equal(
-            torch.nan_to_num(after[name]), torch.nan_to_num(values[name])
-        ):
-            raise CodeError("inplace", f"the function changes its input {name} in place; work on {name}.clone()")
+        before = values[name]
+        if isinstance(before, Tensor) and not torch.equal(after[name].nan_to_num(), before.nan_to_num()):
+            message = f"the function changes its input {name} in place; work on {name}.clone()"
+            raise CodeError("inplace", message, function.line)
 
 
-def _check_finite(name: str, output: Tensor, function: RewardFunction | MappingFunction, values: Mapping[str, Any]) -> None:
+def _check_finite(name: str, output: Tensor, function: Compiled, values: Mapping[str, Any]) -> None:
     bad = ~torch.isfinite(output)
     if not bool(bad.any()):
         return
     index = int(bad.nonzero()[0, 0])
-    what = _what(name, function)
     kind = "NaN" if bool(torch.isnan(output[index])) else "infinity"
     share = 100.0 * float(bad.float().mean())
-    example = ", ".join(
-        f"{n} = {_numbers(values[n][index])}" for n in dict.fromkeys(function.arguments) if isinstance(values[n], Tensor)
+    read = [n for n in dict.fromkeys(function.arguments) if isinstance(values[n], Tensor)]
+    example = ", ".join(f"{n} = {_numbers(values[n][index])}" for n in read)
+    message = (
+        f"{_what(name, function)} is {kind} on {share:.1f} % of real states, for example where {example[:600]};"
+        " guard the division, root, logarithm or arc that makes it"
     )
-    raise CodeError("finite", f"{what} is {kind} on {share:.1f} % of real states, for example where {example[:600]}")
+    raise CodeError("finite", message, function.line)
 
 
-def _check_reacts(function: RewardFunction | MappingFunction, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
-    """Refuses outputs that are one constant on real states and stay it however the inputs are disturbed."""
-    suspects = [n for n, v in outputs.items() if _constant(v) and (n == "" or isinstance(function, MappingFunction))]
+def _check_reacts(function: Compiled, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
+    """Refuses outputs that are one number on real states and stay it however the inputs are disturbed.
+
+    Single components may be constant in these states: a bonus that nobody has earned yet.
+    """
+    suspects = [n for n, v in outputs.items() if _constant(v) and (not n or isinstance(function, MappingFunction))]
     generator = torch.Generator().manual_seed(0)
     for scale in _SCALES:
         if not suspects:
@@ -94,7 +119,7 @@ def _check_reacts(function: RewardFunction | MappingFunction, values: Mapping[st
         suspects = [n for n in suspects if n in found and _constant(found[n])]
     if suspects:
         what = _what(suspects[0], function)
-        raise CodeError("constant", f"{what} is the same number in all states, whatever the variables are")
+        raise CodeError("constant", f"{what} is the same number in all states, whatever the variables are", function.line)
 
 
 def _constant(value: Tensor) -> bool:
@@ -106,11 +131,12 @@ def _disturb(value: Any, scale: float, generator: torch.Generator) -> Any:
         return value
     noise = torch.randn(value.shape, generator=generator)
     if value.is_floating_point():
-        return value + scale * noise * value.std().clamp(min=1.0)
+        spread = (value - value.mean(0, keepdim=True)).abs().amax().nan_to_num(1.0, 1.0, 1.0)
+        return value + scale * noise * spread.clamp(min=1.0)
     return (value + (scale * 10 * noise.abs()).to(value.dtype)).to(value.dtype)
 
 
-def _what(name: str, function: RewardFunction | MappingFunction) -> str:
+def _what(name: str, function: Compiled) -> str:
     if isinstance(function, MappingFunction):
         return f"the progress variable {name}"
     return f"the component {name}" if name else "the total reward"
@@ -118,21 +144,30 @@ def _what(name: str, function: RewardFunction | MappingFunction) -> str:
 
 def _numbers(value: Tensor) -> str:
     """Returns the first numbers of a tensor, four digits each."""
-    flat = value.reshape(-1)[:8]
-    text = ", ".join(f"{float(number):.4g}" for number in flat)
+    text = ", ".join(f"{float(number):.4g}" for number in value.reshape(-1)[:8])
     return text if value.dim() == 0 else f"[{text}{', ...' if value.numel() > 8 else ''}]"
 
 
-def warm_up(variables: Sequence[Variable]) -> None:
-    """Compiles and runs a small function once, so that torch's own preparations happen before the first fork."""
-    name = next((v.name for v in variables if v.kind == "tensor"), "x")
-    known = [*variables, Variable("x", "tensor", (3,), "1", "world", "")]
+def warm_up() -> None:
+    """Has torch prepare everything that it prepares once, so that no function needs a file later.
+
+    Torch's functions that are written in Python are compiled from their source files on first use.
+    """
+    variables = [Variable("x", "tensor", (3,), "1", "world", "")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for name in sorted(TORCH_MODULES["nn.functional"]):
+            function = getattr(torch.nn.functional, name)
+            if isinstance(function, types.FunctionType):
+                torch.jit.script(function)
     source = (
-        f"def compute_reward({name}):\n"
-        f"    d = torch.norm({name}.reshape({name}.shape[0], -1), dim=-1) + F.normalize({name}, dim=-1).sum()\n"
-        "    return torch.exp(-d), {'d': d}\n"
+        "def compute_reward(x):\n"
+        "    d = torch.norm(x, dim=-1) + torch.norm(x, p=2, dim=1) + torch.norm(x) + torch.einsum('ij,ij->i', x, x)\n"
+        "    p, q = torch.split(x, [1, 2], dim=-1)\n"
+        "    s = torch.split(x, 1, dim=-1)[0]\n"
+        "    u, v = torch.broadcast_tensors(x, x)\n"
+        "    return torch.exp(-d) + p.sum() + s.sum() + u.sum() + torch.atleast_1d(x).sum(-1), {'d': d}\n"
     )
-    random.seed(0)
-    values = {v.name: torch.zeros(3, *v.shape) for v in known if v.name == name}
     for portable in (False, True):
-        compile_reward(source, known, portable)(values)
+        with torch.inference_mode():
+            compile_reward(source, variables, portable)({"x": torch.zeros(3, 3)})

@@ -40,8 +40,8 @@ def validate(
         states: real states of the task, written by `save_states`.
         limits: what one function may use.
     """
-    with Sandbox(variables, limits) as sandbox:
-        sandbox.load(states)
+    with Sandbox(limits) as sandbox:
+        sandbox.load(states, variables)
         return [judge(submission, variables, sandbox) for submission in submissions]
 
 

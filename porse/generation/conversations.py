@@ -68,5 +68,5 @@ def _lines(rows: Sequence[Row]) -> list[dict[str, Any]]:
         points = [row for row in rows if row["series"] == name]
         extremes = {key: number(points[0][key]) for key in ("maximum", "mean", "minimum")}
         shown = name.split("/", 1)[-1]
-        lines.append({"name": shown, "values": numbers([point["value"] for point in points]), **extremes})
+        lines.append({"name": shown, "points": numbers([point["value"] for point in points]), **extremes})
     return lines

@@ -43,7 +43,7 @@ def questions_text(
         "description": description,
         "window": min(params.mutate.window, len(record[0].epochs)),
         "epochs": recent[0].epochs,
-        "series": [{"name": series.name, "values": numbers(series.values)} for series in recent],
+        "series": [{"name": series.name, "points": numbers(series.values)} for series in recent],
     }
     if varied == BETA:
         facts |= {"bonus_weight": number(survivor["beta"]), "goal_weight": number(scale - survivor["beta"])}

@@ -60,15 +60,23 @@ def answer_lines(source: Path) -> list[tuple[str, str]]:
     Raises:
         AnswersError: the source cannot be read as UTF-8.
     """
-    try:
-        if source.is_dir():
-            paths = sorted(path for path in source.iterdir() if path.suffix in (".md", ".txt"))
-            texts = [(path, path.read_text(encoding="utf-8").removesuffix("\n")) for path in paths]
-            return [(path.name, json.dumps({"custom_id": path.stem, "text": text})) for path, text in texts]
-        lines = enumerate(source.read_text(encoding="utf-8").split("\n"), start=1)
-    except (OSError, UnicodeDecodeError) as error:
-        raise AnswersError(f"Expected answers in UTF-8 in {source}, found: {error}. Nothing was recorded.") from error
+    if source.is_dir():
+        paths = sorted(path for path in source.iterdir() if path.suffix in (".md", ".txt"))
+        return [(path.name, json.dumps({"custom_id": path.stem, "text": answer_text(path)})) for path in paths]
+    lines = enumerate(answer_text(source).split("\n"), start=1)
     return [(f"line {number}", line) for number, line in lines if line.strip()]
+
+
+def answer_text(path: Path) -> str:
+    """Returns the text in a file, without the newline that an editor puts at its end.
+
+    Raises:
+        AnswersError: the file cannot be read as UTF-8.
+    """
+    try:
+        return path.read_bytes().decode().removesuffix("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise AnswersError(f"Expected UTF-8 in {path}, found: {error}. Nothing was recorded.") from error
 
 
 def import_answers(
@@ -122,6 +130,8 @@ def _parse_line(line: str) -> tuple[str, Completion]:
     key = document.get("custom_id") if isinstance(document, dict) else None
     if not isinstance(key, str):
         raise ValueError("expected an object with a custom_id, found none")
+    if not KEY_PATTERN.fullmatch(key):
+        raise ValueError(f"no open request has the id {key[:80]!r}; `porse llm pending` lists them")
     if document.get("error") is not None:
         raise ValueError(f"{key[:12]} came back as an error: {json.dumps(document['error'])[:200]}")
     if "response" in document:
@@ -150,7 +160,7 @@ def _parse_response(key: str, response: Any) -> Completion:
 def _accept(
     key: str, completion: Completion, answered_by: str, known: dict[str, OpenRequest], store: Store
 ) -> Accepted:
-    recorded = store.read(key) if KEY_PATTERN.fullmatch(key) else None
+    recorded = store.read(key)
     if recorded is not None:
         if recorded.answer.text != completion.answer.text:
             raise ValueError(f"{key[:12]} is recorded with a different reply; `porse llm refresh` replaces it")

@@ -9,7 +9,7 @@ import click
 
 from porse.config import LlmParams, load_params
 from porse.errors import ParamsError, PorseError, TableError
-from porse.llm.batch import answer_lines, export_lines, import_answers
+from porse.llm.batch import answer_lines, answer_text, export_lines, import_answers
 from porse.llm.ledger import total_spending
 from porse.llm.pending import load_pending, remove_pending
 from porse.llm.refresh import refresh_by_hand, refresh_from_endpoint
@@ -175,8 +175,7 @@ def refresh(
     if answer is None:
         kept = refresh_from_endpoint(whole_key, _llm_params(params_path, profile), store)
     elif answered_by:
-        text = answer.read_text(encoding="utf-8").removesuffix("\n")
-        kept = refresh_by_hand(whole_key, text, answered_by, store)
+        kept = refresh_by_hand(whole_key, answer_text(answer), answered_by, store)
     else:
         raise click.UsageError("--answer needs --answered-by")
     click.echo(f"{whole_key}: replaced, the old record is {kept}")
@@ -202,6 +201,7 @@ def _used_keys(paths: tuple[Path, ...]) -> set[str]:
         try:
             column = pyarrow.parquet.read_table(path, columns=["key"]).column("key")
         except (pyarrow.ArrowException, KeyError, OSError) as error:
-            raise TableError(f"Expected a Parquet table with a column `key` in {path}, found: {error}.") from error
+            found = str(error).splitlines()[0]
+            raise TableError(f"Expected a Parquet table with a column `key` in {path}, found: {found}.") from error
         keys.update(key for key in column.to_pylist() if key)
     return keys

@@ -106,16 +106,29 @@ def _shard_reader(store: Store, shard: str) -> Callable[[Any], list[Summary]]:
     def read(disk: Any) -> list[Summary]:
         keys, names = store.shard_keys(shard), sorted(os.listdir(store.cache_dir / shard))
         row = disk.get(f"shard:{shard}")
-        known = _decode(row) if row is not None else {}
-        if known.get("names") == names:
-            rows = known["summaries"]
-            return [Summary(key, tuple(values), tuple(texts), tuple(origin)) for key, values, texts, origin in rows]
+        known = _known_summaries(row, names) if row is not None else None
+        if known is not None:
+            return known
         found = _scan(store, keys)
         row = json.dumps({"names": names, "summaries": [astuple(summary) for summary in found]})
         disk.set(f"shard:{shard}", row)
         return found
 
     return read
+
+
+def _known_summaries(row: str, names: list[str]) -> list[Summary] | None:
+    """Returns the summaries in a row, None when the row was made of other files than these."""
+    document = _decode(row)
+    try:
+        if document["names"] != names:
+            return None
+        return [
+            Summary(key, tuple(fields), tuple(messages), tuple(origin))
+            for key, fields, messages, origin in document["summaries"]
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise RowRefusedError("a row of another form") from error
 
 
 def _decode(row: str) -> Any:

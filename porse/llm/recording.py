@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ LONGEST_WAIT_S = 0.5
 """While another process asks for the same key, this one looks again after a wait that doubles between these two."""
 
 MAX_NAMED = 5
+
+logger = logging.getLogger(__name__)
 
 
 def record_replies(questions: Sequence[Question], params: LlmParams, store: Store) -> None:
@@ -136,6 +139,7 @@ class _Recorder:
             )
         self.store.write(record)
         add_spending(self.store, Spending.of(record))
+        logger.info("%s: recorded, %d characters", question.origin, len(record.answer.text))
         return record
 
 

@@ -116,9 +116,14 @@ class Store:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if self._publish(record, temporary, path):
                     linked.append(path)
-        except BaseException:
+        except BaseException as error:
             for path in linked:
                 path.unlink()
+            if isinstance(error, OSError):
+                raise CacheError(
+                    f"Expected to write {len(fresh)} records to {self.cache_dir} by way of {self.state_dir}, found: "
+                    f"{error}. Nothing was recorded. Both must be on one file system that knows hard links and has room."
+                ) from error
             raise
         finally:
             for temporary, _ in staged:

@@ -40,18 +40,19 @@ def verify(cache_dir: Path, used: set[str] | None = None) -> list[str]:
         name = str(path.relative_to(cache_dir))
         if name in OTHER_FILES:
             continue
+        data = path.read_bytes() if path.is_file() else b""
+        problems.extend(f"{name}: expected no secrets, found {secret}" for secret in _secrets(data))
         try:
-            record = _check_file(path, cache_dir)
+            record = _check_file(path, data, cache_dir)
         except CacheError as error:
             problems.append(f"{name}: {error}")
             continue
-        problems.extend(f"{name}: expected no secrets, found {secret}" for secret in _secrets(record))
         if KEY_PATTERN.fullmatch(path.stem):
             records[path.stem] = record
     return problems + (_check_use(records, used) if used is not None else [])
 
 
-def _check_file(path: Path, cache_dir: Path) -> Record:
+def _check_file(path: Path, data: bytes, cache_dir: Path) -> Record:
     """Returns the record of a file that is named, placed and written as every record is.
 
     Raises:
@@ -64,16 +65,15 @@ def _check_file(path: Path, cache_dir: Path) -> Record:
     expected = cache_dir / key[:SHARD_DIGITS] / path.name
     if path != expected:
         raise CacheError(f"expected this record in {expected.parent.name}/, found it misplaced; move it there")
-    data = path.read_bytes()
     record = parse_record(data, key, path.name)
     if record.render() != data:
         raise CacheError("expected the very bytes that the program writes, found another layout of the same record")
     return record
 
 
-def _secrets(record: Record) -> Iterator[str]:
+def _secrets(data: bytes) -> Iterator[str]:
     """Yields what looks like a secret, by kind: a line that is printed must not repeat it."""
-    text = record.render().decode()
+    text = data.decode(errors="replace")
     return (kind for kind, pattern in SECRETS.items() if pattern.search(text))
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,7 +102,7 @@ def metrics(run: Run, iterations: Sequence[Row], params: Params) -> dict[str, An
             "all": len(run.replies),
             "prompt_tokens": sum(row["prompt_tokens"] for row in run.replies),
             "completion_tokens": sum(row["completion_tokens"] for row in run.replies),
-            "recorded_usd": sum(row["recorded_usd"] for row in run.replies),
+            "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
         },
         "by_iteration": {
             str(row["iteration"]): {name: row[name] for name in ("mts", "fitness", "beta", "alpha")} for row in iterations

@@ -1,5 +1,6 @@
 """Who goes on: candidates ranked by fitness over their last epochs, ties by MTS, then by candidate id."""
 
+import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
@@ -35,7 +36,7 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
     if candidate["failure"] or not fitness:
         return Score(name, 0.0, 0.0, failed=True)
     last = fitness[-window:]
-    return Score(name, sum(last) / len(last), max(fitness), failed=False)
+    return Score(name, math.fsum(last) / len(last), max(fitness), failed=False)
 
 
 def rank(scores: Sequence[Score]) -> list[Score]:

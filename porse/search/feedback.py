@@ -1,5 +1,9 @@
-"""V(theta): what the next prompts are told about a training (as in Eureka: sampled series with their extremes)."""
+"""V(theta): what the next prompts are told about a training (as in Eureka: sampled series with their extremes).
 
+Sums of floats are `math.fsum`: rounded once, they are the same in every version of Python.
+"""
+
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -50,7 +54,7 @@ def feedback_rows(curves: Sequence[Row], candidate_id: str, points: int) -> list
             "epoch": epoch,
             "value": value,
             "maximum": max(series.values),
-            "mean": sum(series.values) / len(series.values),
+            "mean": math.fsum(series.values) / len(series.values),
             "minimum": min(series.values),
         }
         for series in shown_series(curves, candidate_id)

@@ -3,12 +3,18 @@
 import difflib
 
 from porse.errors import TaskError
+from porse.tasks.anymal import Anymal
 from porse.tasks.base import Task
+from porse.tasks.franka_cabinet import FrankaCabinet
+from porse.tasks.humanoid import Humanoid
 from porse.tasks.over import Over
 from porse.tasks.quadcopter import Quadcopter
 
 TASKS: dict[str, type[Task]] = {
     "Quadcopter": Quadcopter,
+    "Anymal": Anymal,
+    "FrankaCabinet": FrankaCabinet,
+    "Humanoid": Humanoid,
     "Over": Over,
 }
 

@@ -43,7 +43,7 @@ def catch_variables(actions: int, observations: int) -> tuple[Variable, ...]:
     return (
         *body_variables("object", "the egg"),
         *goal_variables("goal", "the goal of the egg"),
-        *two_hand_variables(actions, observations, bodies=54, actors=4),
+        *two_hand_variables(actions, observations, objects=2, actors=2),
     )
 
 
@@ -65,6 +65,15 @@ class CatchTask(TwoHandTask):
     GOAL: ClassVar[tuple[float, float, float]]
     DROPPED: ClassVar[float]
     DISTANCE_SCALE: ClassVar[float]
+
+    object_pose: Tensor
+    object_pos: Tensor
+    object_rot: Tensor
+    object_linvel: Tensor
+    object_angvel: Tensor
+    goal_pose: Tensor
+    goal_pos: Tensor
+    goal_rot: Tensor
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:

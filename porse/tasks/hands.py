@@ -12,9 +12,11 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.sim import rotations
+from porse.sim import bodies, rotations
+from porse.sim.bodies import Bodies
 from porse.tasks import shadow
-from porse.tasks.base import Task, plain_variables
+from porse.tasks.base import plain_variables
+from porse.tasks.success import SuccessTask
 from porse.variables import Variable
 
 HAND_BODIES = len(shadow.BODIES)
@@ -71,7 +73,7 @@ def hand_variables() -> tuple[Variable, ...]:
     )  # fmt: skip
 
 
-class TwoHandTask(Task):
+class TwoHandTask(SuccessTask):
     """Two Shadow Hands and some objects.
 
     Attributes:
@@ -83,9 +85,6 @@ class TwoHandTask(Task):
         JOINT_NOISE: width of the start noise of the joints, as a share of their ranges.
         OBJECT_BODIES: bodies that follow the hands' in `rigid_body_states`, in order.
         ACTORS: the bodies that are roots of actors after the two hands, in order.
-        PER_ENV_STATISTIC: whether unfinished episodes keep their environment's last outcome or the last mean.
-        successes: outcome of the running episodes, 0 or 1, `(num_envs,)`.
-        outcomes: the statistic's memory: what an unfinished episode counts as, `(num_envs,)`.
     """
 
     FAMILY: ClassVar[str] = "bidex"
@@ -93,7 +92,7 @@ class TwoHandTask(Task):
     SUBSTEPS: ClassVar[int] = 2
     OBSERVATION_CLIP: ClassVar[float] = float("inf")
     FIELDS: ClassVar[tuple[str, ...]] = (
-        "xpos", "xquat", "cvel", "subtree_com", "qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata",
+        *bodies.FIELDS, "qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata",
     )  # fmt: skip
     MEASURED: ClassVar[tuple[str, ...]] = (
         "rigid_body_states", "dof_force_tensor", "vec_sensor_tensor", "successes", "outcomes",
@@ -107,10 +106,19 @@ class TwoHandTask(Task):
     JOINT_NOISE: ClassVar[float] = 0.0
     OBJECT_BODIES: ClassVar[tuple[str, ...]]
     ACTORS: ClassVar[tuple[str, ...]]
-    PER_ENV_STATISTIC: ClassVar[bool] = False
 
-    successes: Tensor
-    outcomes: Tensor
+    rigid_body_states: Tensor
+    root_state_tensor: Tensor
+    dof_force_tensor: Tensor
+    vec_sensor_tensor: Tensor
+    shadow_hand_dof_pos: Tensor
+    shadow_hand_dof_vel: Tensor
+    shadow_hand_another_dof_pos: Tensor
+    shadow_hand_another_dof_vel: Tensor
+    fingertip_state: Tensor
+    fingertip_pos: Tensor
+    fingertip_another_state: Tensor
+    fingertip_another_pos: Tensor
 
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
@@ -141,17 +149,12 @@ class TwoHandTask(Task):
     def _name_measurements(self) -> None:
         """Sets the task's own variables from `rigid_body_states` and the joints."""
 
-    @abstractmethod
-    def succeeded(self) -> Tensor:
-        """Returns where the task is solved now, bool `(num_envs,)`."""
-
     def _prepare(self) -> None:
+        super()._prepare()
         model = self._physics.model
         sides = ("right", "left")
         names = [f"{side}/{body}" for side in sides for body in shadow.BODIES] + list(self.OBJECT_BODIES)
-        bodies = [model.body(name).id for name in names]
-        self._bodies = torch.tensor(bodies)
-        self._roots = torch.tensor([model.body_rootid[body] for body in bodies])
+        self._bodies = Bodies(self._physics, tuple(names))
         actors = ["right/hand mount", "left/hand mount", *self.ACTORS]
         self._actors = torch.tensor([names.index(name) for name in actors])
         joints = [model.joint(f"{side}/{joint}") for side in sides for joint in shadow.JOINTS]
@@ -166,13 +169,12 @@ class TwoHandTask(Task):
         sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
         starts = [int(model.sensor(name).adr[0]) for name in sensors]
         self._sensor_index = torch.tensor([start + axis for start in starts for axis in range(3)])
-        self.rigid_body_states = torch.zeros(self.num_envs, len(bodies), 13)
+        self.rigid_body_states = torch.zeros(self.num_envs, len(names), 13)
         self.dof_force_tensor = torch.zeros(self.num_envs, 2 * HAND_JOINTS)
         self.vec_sensor_tensor = torch.zeros(self.num_envs, 60)
-        self.successes = torch.zeros(self.num_envs)
-        self.outcomes = torch.zeros(self.num_envs)
 
     def _start(self, ids: Tensor) -> None:
+        super()._start(ids)
         n = len(ids)
         u = self._uniform(-1.0, 1.0, n, HAND_JOINTS)
         noise = self.JOINT_NOISE * (self._lower + (self._upper - self._lower) * u)
@@ -181,7 +183,6 @@ class TwoHandTask(Task):
         physics = self._physics
         physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.repeat(1, 2)
         physics.ctrl[ids.unsqueeze(-1), self._control_index] = angles[:, self._driven].repeat(1, 2)
-        self.successes[ids] = 0.0
         self._place(ids)
 
     def _default_joints(self) -> Tensor:
@@ -200,27 +201,16 @@ class TwoHandTask(Task):
         targets = (lower + share * (upper - lower)).reshape(self.num_envs, -1)
         self._physics.ctrl[:, self._control_index] = targets.double()
 
-    def _body_states(self, ids: Tensor | None) -> Tensor:
-        """Returns position, orientation and velocities `(..., bodies, 13)` of the listed bodies' frames."""
-        position = self._physics.read("xpos", ids)[:, self._bodies]
-        orientation = self._physics.read("xquat", ids)[:, self._bodies][..., rotations.XYZW_FROM_WXYZ]
-        velocity = self._physics.read("cvel", ids)[:, self._bodies]
-        centre = self._physics.read("subtree_com", ids)[:, self._roots]
-        # MuJoCo's body velocity is of the point of the body that coincides with its tree's centre of mass.
-        angular = velocity[..., :3]
-        linear = velocity[..., 3:] + torch.cross(angular, position - centre, dim=-1)
-        return torch.cat((position, orientation, linear, angular), dim=-1)
-
     def _measure(self) -> None:
         read = self._physics.read
-        self.rigid_body_states = self._body_states(None)
+        self.rigid_body_states = self._bodies.states()
         forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
         self.dof_force_tensor = forces[:, self._qvel_index]
         self.vec_sensor_tensor = read("sensordata")[:, self._sensor_index]
         self._name_all()
 
     def _measure_started(self, ids: Tensor) -> None:
-        self.rigid_body_states[ids] = self._body_states(ids)
+        self.rigid_body_states[ids] = self._bodies.states(ids)
         # Forces belong to a step, and an episode that begins has had none.
         self.dof_force_tensor[ids] = 0.0
         self.vec_sensor_tensor[ids] = 0.0
@@ -252,21 +242,6 @@ class TwoHandTask(Task):
         setattr(self, f"{name}_linvel", state[:, 7:10])
         setattr(self, f"{name}_angvel", state[:, 10:13])
 
-    def _record(self) -> None:
-        self.successes = torch.where(self.succeeded(), 1.0, self.successes)
-        finished = self.terminated() | self.timed_out()
-        self.outcomes = torch.where(finished, self.successes, self.outcomes)
-        if not self.PER_ENV_STATISTIC:
-            self.outcomes = self.outcomes.mean().repeat(self.num_envs)
-
-    def fitness(self) -> float:
-        """Returns the mean outcome of the episodes, as the statistic of the original keeps it."""
-        return float(self.outcomes.mean())
-
-    def sparse_reward(self) -> Tensor:
-        """Returns 1 where the task is solved now, else 0."""
-        return self.succeeded().float()
-
     def random_rotations(self, n: int) -> Tensor:
         """Returns start orientations Rx(pi u0) Ry(pi u1), u ~ U[-1, 1], `(n, 4)`."""
         angle = self._uniform(-torch.pi, torch.pi, n, 2)
@@ -297,13 +272,13 @@ def hand_observations(
     )
 
 
-def two_hand_variables(actions: int, observations: int, bodies: int, actors: int) -> tuple[Variable, ...]:
+def two_hand_variables(actions: int, observations: int, objects: int, actors: int) -> tuple[Variable, ...]:
     """Returns what every two-hand task offers besides its objects."""
     listed = "right hand 0-25, left hand 26-51, objects from 52"
     return (
         *hand_variables(),
-        Variable("rigid_body_states", "tensor", (bodies, 13), "m, 1, m/s, rad/s", "world", f"all bodies: {listed}"),
-        Variable("root_state_tensor", "tensor", (actors, 13), "m, 1, m/s, rad/s", "world",
+        Variable("rigid_body_states", "tensor", (2 * HAND_BODIES + objects, 13), "m, 1, m/s, rad/s", "world", f"all bodies: {listed}"),
+        Variable("root_state_tensor", "tensor", (2 + actors, 13), "m, 1, m/s, rad/s", "world",
                  "roots of the actors: right hand, left hand, objects"),
         *plain_variables(observations, actions),
     )  # fmt: skip

@@ -53,7 +53,7 @@ class Trainer:
 
     def __init__(self, task: Task, reward: Reward, params: TrainParams, seed: int) -> None:
         self._params = params
-        self._env = TaskEnv(task, reward)
+        self._env = TaskEnv(task, reward, params.reward_scale)
         torch.use_deterministic_algorithms(True)
         torch.manual_seed(seed_for(seed, "ppo"))
         self.epoch = 0

@@ -22,10 +22,11 @@ class TaskEnv(VecEnv):
     Attributes:
         task: the task that is trained on.
         reward: what pays.
-        means: the series of the running epoch.
+        means: the series of the running epoch, in the reward's own scale.
     """
 
-    def __init__(self, task: Task, reward: Reward) -> None:
+    def __init__(self, task: Task, reward: Reward, reward_scale: float) -> None:
+        self._reward_scale = reward_scale
         self.task, self.reward, self.means = task, reward, EpochMeans()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
@@ -46,7 +47,7 @@ class TaskEnv(VecEnv):
         """Moves all environments by one control step.
 
         Returns:
-            Observations after resets, rewards (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
+            Observations after resets, scaled rewards (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
 
         Raises:
             CandidateFailed: the reward's functions failed.
@@ -59,4 +60,4 @@ class TaskEnv(VecEnv):
         if bool(ends.any()):
             self.task.reset(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
-        return self.get_observations(), payment.total.float(), ends, extras
+        return self.get_observations(), self._reward_scale * payment.total.float(), ends, extras

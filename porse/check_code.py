@@ -1,0 +1,71 @@
+"""`porse check-code`: the verdict that the pipeline would give, on files."""
+
+import json
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from porse import numerics
+from porse.code.contract import Kind
+from porse.code.limits import Limits
+from porse.code.sandbox import Sandbox
+from porse.code.validate import Submission, judge
+from porse.code.verdict import Verdict
+
+PROBE_ENVS = 16
+"""Environments whose states right after a reset, and after some random actions, a function is tried on."""
+PROBE_STEPS = 16
+"""Control steps of random actions before the second half of those states."""
+
+
+@click.command("check-code")
+@click.argument("task")
+@click.option("--reward", "rewards", multiple=True, metavar="FILE", help="A reply or a function; - is standard input.")
+@click.option("--mapping", "mappings", multiple=True, metavar="FILE", help="The same for a mapping.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object for each file, one a line.")
+def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], as_json: bool) -> None:
+    """Check reward and mapping functions for TASK as the pipeline would, and exit 0 when all would be accepted."""
+    files: list[tuple[str, Kind]] = [*((name, "reward") for name in rewards), *((name, "mapping") for name in mappings)]
+    if not files:
+        raise click.UsageError("expected --reward FILE or --mapping FILE, found neither; name at least one file")
+    submissions = [Submission(_read(name), kind) for name, kind in files]
+    verdicts = _verdicts(task, submissions)
+    for (name, kind), verdict in zip(files, verdicts, strict=True):
+        click.echo(json.dumps({"file": name, "kind": kind, **asdict(verdict)}) if as_json else _line(name, verdict))
+    sys.exit(0 if all(verdict.passed for verdict in verdicts) else 1)
+
+
+def _verdicts(task_name: str, submissions: list[Submission]) -> list[Verdict]:
+    """Returns the verdicts; the probe starts first, so that it loads torch while this process does."""
+    with Sandbox(Limits()) as sandbox, tempfile.TemporaryDirectory(prefix="porse-") as folder:
+        numerics.apply("portable")
+        from porse.code.states import save_states
+        from porse.generation.states import probe_states
+        from porse.tasks import find_task
+
+        variables = find_task(task_name).VARIABLES
+        path = Path(folder) / "states.safetensors"
+        save_states(path, probe_states(task_name, PROBE_ENVS, PROBE_STEPS, seed=0))
+        sandbox.load(path, variables)
+        return [judge(submission, variables, sandbox)[0] for submission in submissions]
+
+
+def _read(name: str) -> str:
+    """Returns the text of a file, or of standard input for "-"; bytes that are no UTF-8 become question marks."""
+    if name == "-":
+        return sys.stdin.buffer.read().decode("utf-8", "replace")
+    path = Path(name)
+    if not path.is_file():
+        raise click.UsageError(f"expected a file, found nothing at {name}; give a path, or - for standard input")
+    return path.read_bytes().decode("utf-8", "replace")
+
+
+def _line(name: str, verdict: Verdict) -> str:
+    """Returns the verdict for people, like a compiler's message."""
+    if not verdict.passed:
+        return f"{name}:{verdict.line}: refused ({verdict.check}): {verdict.message}"
+    flags = [f"{n} {'rises' if r else 'falls'}" for n, r in zip(verdict.names, verdict.rises, strict=False)]
+    return f"{name}: accepted: {', '.join(flags or verdict.names)}"

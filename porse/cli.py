@@ -1,0 +1,89 @@
+"""`porse ...`: what people type. The pipeline itself is `dvc repro`."""
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from porse import __version__, tables
+from porse.config import load_params
+from porse.errors import PorseError
+from porse.search.schedule import total_epochs, varied, work
+from porse.stage import EXIT_ERROR
+
+_LAZY = {"llm": "porse.llm.cli:llm", "check-code": "porse.check_code:check_code"}
+"""Commands that live with what they are about; imported when they are called, since some need torch."""
+
+
+class _Porse(click.Group):
+    """Adds the lazy commands, and prints a PorseError as its paragraph, without a traceback."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted([*super().list_commands(ctx), *_LAZY])
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _LAZY:
+            return super().get_command(ctx, cmd_name)
+        module, name = _LAZY[cmd_name].split(":")
+        return getattr(importlib.import_module(module), name)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except PorseError as error:
+            failure = click.ClickException(str(error))
+            failure.exit_code = EXIT_ERROR
+            raise failure from error
+
+
+@click.group(cls=_Porse)
+@click.version_option(__version__)
+def main() -> None:
+    """Robot skills without a hand-written reward, replayable offline. The pipeline itself is `dvc repro`."""
+
+
+@main.command("tables")
+def show_tables() -> None:
+    """Print the data dictionary: what a row and a column of each table mean."""
+    for table in tables.TABLES.values():
+        click.echo(f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}")
+        for column in table.columns:
+            click.echo(f"    {column.name:18} {column.type!s:7} {column.meaning}")
+
+
+@main.command("schedule")
+@click.option("--params", "path", default="params.yaml", show_default=True, type=click.Path(path_type=Path))
+def show_schedule(path: Path) -> None:
+    """Print what each rung of each iteration costs, in epochs."""
+    params = load_params(path)
+    for entry in params.iterations:
+        for cost in work(params):
+            click.echo(f"iteration {entry.n} rung {cost.rung:8} {cost.candidates:3} candidates {cost.epochs:7} epochs")
+        click.echo(f"iteration {entry.n}: mutants vary {varied(entry.n)}")
+    click.echo(f"in all {total_epochs(params)} epochs")
+
+
+@main.command("tasks")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
+def show_tasks(as_json: bool) -> None:
+    """Print the tasks."""
+    from porse.tasks import TASKS
+
+    rows = [
+        {
+            "task": name,
+            "observations": task.NUM_OBSERVATIONS,
+            "actions": task.NUM_ACTIONS,
+            "family": task.FAMILY,
+            "description": task.DESCRIPTION,
+            "episode_length": task.EPISODE_LENGTH,
+        }
+        for name, task in TASKS.items()
+    ]
+    if as_json:
+        click.echo(json.dumps(rows, indent=2))
+        return
+    for row in rows:
+        click.echo(f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} {row['description']}")

@@ -1,0 +1,159 @@
+"""Anymal: a quadruped follows commanded forward, sideways and turning velocities.
+
+After the Isaac Gym task of that name. Departures: four physics steps of 5 ms a control step instead of two of 10 ms;
+legs meet the floor only; masses of the links are ours (their sum is the robot's).
+"""
+
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks.anymal_scene import JOINTS, anymal_scene
+from porse.tasks.base import Task, plain_variables
+from porse.variables import Variable
+
+DEFAULT = torch.tensor([0.03, 0.4, -0.8, 0.03, -0.4, 0.8, -0.03, 0.4, -0.8, -0.03, -0.4, 0.8])
+"""Default joint angles (rad), in the order of `JOINTS`."""
+
+ACTION_SCALE = 0.5
+TOUCHED = 1.0
+"""Contact force (N) on the base or a thigh above which an episode ends."""
+
+
+class Anymal(Task):
+    """Follow velocity commands."""
+
+    NAME: ClassVar[str] = "Anymal"
+    FAMILY: ClassVar[str] = "isaac"
+    DESCRIPTION: ClassVar[str] = "to make the quadruped follow randomly chosen x, y, and yaw target velocities"
+    NUM_OBSERVATIONS: ClassVar[int] = 48
+    NUM_ACTIONS: ClassVar[int] = 12
+    EPISODE_LENGTH: ClassVar[int] = 2500
+    TIME_LIMIT: ClassVar[int] = 2499
+    CONTROL_DT: ClassVar[float] = 0.02
+    SUBSTEPS: ClassVar[int] = 4
+    OBSERVATION_CLIP: ClassVar[float] = 5.0
+    FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "sensordata")
+    MEASURED: ClassVar[tuple[str, ...]] = ("torques", "_touch", "commands")
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the base"),
+        Variable("dof_pos", "tensor", (12,), "rad", "joint", "joint angles: HAA, HFE, KFE of LF, LH, RF, RH"),
+        Variable("default_dof_pos", "tensor", (12,), "rad", "joint", "joint angles of the default stance"),
+        Variable("dof_vel", "tensor", (12,), "rad/s", "joint", "joint speeds"),
+        Variable("commands", "tensor", (3,), "m/s, m/s, rad/s", "body", "velocities to follow: forward, left, turn"),
+        Variable("gravity_vec", "tensor", (3,), "1", "world", "direction of gravity"),
+        Variable("torques", "tensor", (12,), "N m", "joint", "joint torques"),
+        Variable("lin_vel_scale", "float", (), "1", "-", "scale of linear velocities in the observations"),
+        Variable("ang_vel_scale", "float", (), "1", "-", "scale of angular velocities in the observations"),
+        Variable("dof_pos_scale", "float", (), "1", "-", "scale of joint angles in the observations"),
+        Variable("dof_vel_scale", "float", (), "1", "-", "scale of joint speeds in the observations"),
+        *plain_variables(48, 12),
+    )
+    lin_vel_scale: ClassVar[float] = 2.0
+    ang_vel_scale: ClassVar[float] = 0.25
+    dof_pos_scale: ClassVar[float] = 1.0
+    dof_vel_scale: ClassVar[float] = 0.05
+
+    @classmethod
+    def scene(cls) -> mujoco.MjSpec:
+        """Returns the quadruped on a plane."""
+        return anymal_scene()
+
+    def _prepare(self) -> None:
+        model = self._physics.model
+        joints = [model.joint(name) for name in JOINTS]
+        self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
+        self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
+        self.default_dof_pos = DEFAULT.repeat(self.num_envs, 1)
+        self.gravity_vec = torch.tensor([0.0, 0.0, -1.0]).repeat(self.num_envs, 1)
+        self.commands = torch.zeros(self.num_envs, 3)
+        self.torques = torch.zeros(self.num_envs, 12)
+        self._touch = torch.zeros(self.num_envs, 5)
+
+    def _start(self, ids: Tensor) -> None:
+        n = len(ids)
+        angles = (DEFAULT * self._uniform(0.5, 1.5, n, 12)).double()
+        self._physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles
+        self._physics.ctrl[ids] = angles
+        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 12).double()
+        self.commands[ids] = self._uniform(-1.0, 1.0, n, 3) * torch.tensor([2.0, 1.0, 1.0])
+
+    def _act(self) -> None:
+        self._physics.ctrl[:] = (DEFAULT + ACTION_SCALE * self.actions).double()
+
+    def _measure(self) -> None:
+        read = self._physics.read
+        self.torques = (read("qfrc_actuator") + read("qfrc_passive"))[:, self._qvel_index]
+        self._touch = read("sensordata")
+        self._name_measurements()
+
+    def _measure_started(self, ids: Tensor) -> None:
+        # Forces belong to a step, and an episode that begins has had none.
+        self.torques[ids] = 0.0
+        self._touch[ids] = 0.0
+        self._name_measurements()
+
+    def _remeasure(self) -> None:
+        self._name_measurements()
+
+    def _name_measurements(self) -> None:
+        """Sets the variables from the joints."""
+        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
+        orientation = qpos[:, [4, 5, 6, 3]]
+        # MuJoCo keeps a free joint's angular velocity in the body's own frame.
+        spin = rotations.rotate(orientation, qvel[:, 3:6])
+        self.root_states = torch.cat((qpos[:, 0:3], orientation, qvel[:, 0:3], spin), dim=-1)
+        self.dof_pos = qpos[:, self._qpos_index]
+        self.dof_vel = qvel[:, self._qvel_index]
+
+    def _record(self) -> None:
+        pass  # the statistic is the mean of the present errors
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations before clipping, `(num_envs, 48)`. Gravity is turned as in the original."""
+        orientation = self.root_states[:, 3:7]
+        scales = torch.tensor([self.lin_vel_scale, self.lin_vel_scale, self.ang_vel_scale])
+        return torch.cat(
+            (
+                rotations.rotate_inverse(orientation, self.root_states[:, 7:10]) * self.lin_vel_scale,
+                rotations.rotate_inverse(orientation, self.root_states[:, 10:13]) * self.ang_vel_scale,
+                rotations.rotate(orientation, self.gravity_vec),
+                self.commands * scales,
+                (self.dof_pos - self.default_dof_pos) * self.dof_pos_scale,
+                self.dof_vel * self.dof_vel_scale,
+                self.actions,
+            ),
+            dim=-1,
+        )
+
+    def errors(self) -> tuple[Tensor, Tensor]:
+        """Returns the squared errors of the linear (m2/s2) and turning (rad2/s2) velocity, `(num_envs,)` each."""
+        orientation = self.root_states[:, 3:7]
+        linear = rotations.rotate_inverse(orientation, self.root_states[:, 7:10])
+        angular = rotations.rotate_inverse(orientation, self.root_states[:, 10:13])
+        off = self.commands[:, :2] - linear[:, :2]
+        turn = self.commands[:, 2] - angular[:, 2]
+        return (off * off).sum(dim=-1), turn * turn
+
+    def failed(self) -> Tensor:
+        """Returns where the base or a thigh touches something with more than 1 N."""
+        return (self._touch > TOUCHED).any(dim=-1)
+
+    def fitness(self) -> float:
+        """Returns minus the mean of the squared velocity errors."""
+        return float(self.sparse_reward().mean())
+
+    def sparse_reward(self) -> Tensor:
+        """Returns minus the squared velocity errors."""
+        linear, angular = self.errors()
+        return -(linear + angular)
+
+    def human_reward(self) -> Tensor:
+        """Returns max(0, dt (exp(-e_linear / 0.25) + 0.5 exp(-e_angular / 0.25) - 2.5e-5 sum of torques^2))."""
+        linear, angular = self.errors()
+        follow = torch.exp(-linear / 0.25) + 0.5 * torch.exp(-angular / 0.25)
+        effort = (self.torques * self.torques).sum(dim=-1)
+        return (self.CONTROL_DT * (follow - 2.5e-5 * effort)).clamp(min=0.0)

@@ -1,0 +1,149 @@
+"""The base of the four door tasks: a double door in a fixed frame, and two hands that reach for its handles.
+
+The separation of the handles along y says how far the door is open: 0.067 m closed, 0.77 to 0.93 m wide open. The hinges
+have a little friction; gravity does not act on the panels, as in the original.
+"""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+FRICTION = 0.55
+PANEL_MASS = 4.25
+HALF_OPEN = 0.5
+"""Separation (m) of the handles that separates open from closed."""
+
+INWARD = (0.0, math.pi, 0.0)
+OUTWARD = (0.0, 0.0, 0.0)
+NEAR_HANDS = (
+    shadow.BasePose((0.55, 0.2, 0.6), (math.pi, 1.57, 1.57)),
+    shadow.BasePose((0.55, -0.2, 0.6), (math.pi, -1.57, 1.57)),
+)
+WIDE_HANDS = (
+    shadow.BasePose((0.9, 0.5, 0.6), (math.pi, 1.57, 1.57)),
+    shadow.BasePose((0.9, -0.5, 0.6), (math.pi, -1.57, 1.57)),
+)
+
+
+def _add_panel(frame: mujoco.MjsBody, name: str, origin: objects.Vector, axis: objects.Vector, toward: int) -> None:
+    """Adds a panel, 0.42 m wide toward +x or -x of its hinge, with a handle bar on each face."""
+    panel = frame.add_body(name=name, pos=origin, gravcomp=1.0)
+    objects.add_hinge(panel, f"{name}_hinge", axis, (0.0, math.pi / 2), damping=0.1, friction=0.05)
+    near, far = sorted((-0.005 * toward, 0.42 * toward))
+    objects.add_box(panel, name, (near, -0.927, -0.02), (far, -0.002, 0.02), PANEL_MASS, FRICTION)
+    x = 0.39 * toward
+    for face, sign in (("front", 1), ("back", -1)):
+        objects.add_rod(
+            panel, f"{name}_{face}_bar", (x, -0.6, 0.075 * sign), (x, -0.4, 0.075 * sign), 0.012, 0.02, FRICTION
+        )
+        for end, y in (("lower", -0.59), ("upper", -0.41)):
+            objects.add_rod(
+                panel, f"{name}_{face}_{end}", (x, y, 0.02 * sign), (x, y, 0.075 * sign), 0.008, 0.01, FRICTION
+            )
+
+
+def add_door(spec: mujoco.MjSpec, euler: objects.Vector) -> None:
+    """Adds the door at 0.7 m: bodies "object" (its base), "link_0" (the frame), "link_1" and "link_2" (the panels)."""
+    base = objects.add_base(spec, "object", (0.0, 0.0, 0.7), euler, free=False)
+    frame = objects.add_link(base, "link_0")
+    objects.add_box(frame, "frame_low", (-0.883, -0.446, -0.0245), (-0.45, 0.483, 0.0245), 0.16, FRICTION)
+    objects.add_box(frame, "frame_high", (0.446, -0.446, -0.0245), (0.879, 0.483, 0.0245), 0.16, FRICTION)
+    _add_panel(frame, "link_1", (-0.4265, 0.4833, 0.0085), (0.0, -1.0, 0.0), toward=1)
+    _add_panel(frame, "link_2", (0.4204, 0.4833, 0.0056), (0.0, 1.0, 0.0), toward=-1)
+
+
+def handles(offset: float) -> tuple[Handle, ...]:
+    """Returns the handles, `offset` (m) before the panels."""
+    return (
+        Handle("door_left_handle", "link_2", (-0.39, -0.5, offset)),
+        Handle("door_right_handle", "link_1", (0.39, -0.5, offset)),
+    )
+
+
+class DoorTask(FreeHandTask):
+    """A double door to be opened or closed.
+
+    Attributes:
+        EULER: orientation of the door.
+        OPENS: whether success is an open door (else a closed one).
+        CONSTANT: constant of the human reward.
+        LOST: sum of fingertip distances (m) to its handle at which a hand is lost, and the episode with it.
+    """
+
+    NUM_OBSERVATIONS: ClassVar[int] = 417
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 250
+    TIME_LIMIT: ClassVar[int] = 250
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.5
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_0", "link_1", "link_2", "goal")
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the door"),
+        *goal_variables("goal", "the goal (the door's own place)"),
+        *point_variables("door_left_handle", "the handle for the left hand"),
+        *point_variables("door_right_handle", "the handle for the right hand"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    EULER: ClassVar[objects.Vector]
+    OPENS: ClassVar[bool]
+    CONSTANT: ClassVar[float] = 2.0
+    LOST: ClassVar[float] = 1.5
+
+    door_left_handle_pos: Tensor
+    door_right_handle_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the door and its goal."""
+        add_door(spec, cls.EULER)
+        objects.add_goal(spec, (0.0, 0.0, 0.7), cls.EULER)
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 417)`: two hands, the door, its handles."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.door_left_handle_pos,
+                self.door_right_handle_pos,
+            ),
+            dim=-1,
+        )
+
+    def separation(self) -> Tensor:
+        """Returns the distance (m) between the handles along y, `(num_envs,)`."""
+        return (self.door_right_handle_pos[:, 1] - self.door_left_handle_pos[:, 1]).abs()
+
+    def succeeded(self) -> Tensor:
+        """Returns where the handles are more (opening tasks) or less (closing tasks) than half a metre apart."""
+        return self.separation() > HALF_OPEN if self.OPENS else self.separation() < HALF_OPEN
+
+    def failed(self) -> Tensor:
+        """Returns where a hand is lost."""
+        right = self.reach("right", self.door_right_handle_pos)
+        left = self.reach("left", self.door_left_handle_pos)
+        return (right >= self.LOST) | (left >= self.LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns CONSTANT minus both reaches, and with both hands near 2 s (opening) or 1 - 2 s (closing)."""
+        right = self.reach("right", self.door_right_handle_pos)
+        left = self.reach("left", self.door_left_handle_pos)
+        spread = 2.0 * self.separation()
+        moved = spread if self.OPENS else 1.0 - spread
+        both = (right < 0.5) & (left < 0.5)
+        return self.CONSTANT - right - left + torch.where(both, moved, 0.0)

@@ -1,0 +1,136 @@
+"""The base of the two-hand tasks whose hands move as wholes: palm and finger points, handles, and their observations.
+
+A force and a torque act on each forearm, and a strong drag slows the hand (see `shadow`). A handle is a point that
+moves with a body; rewards are about the distances between it and the fingertips.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks import shadow
+from porse.tasks.hands import DISTAL, HAND_BODIES, PALM, TwoHandTask, hand_observations, point_variables
+from porse.variables import Variable
+
+SIDES = ("right", "left")
+PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
+"""Palm point in the frame of the palm (m)."""
+
+FINGER_POINT = torch.tensor([0.0, 0.0, 0.02])
+"""Fingertip point in the frame of a last finger link (m)."""
+
+
+@dataclass(frozen=True)
+class Handle:
+    """A point that moves with a body.
+
+    Attributes:
+        name: offered as `name`_pos and `name`_rot.
+        body: the body, one of the task's `OBJECT_BODIES`.
+        offset: in the body's frame (m).
+    """
+
+    name: str
+    body: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def palm_variables() -> tuple[Variable, ...]:
+    """Returns the palm points of both hands as variables."""
+    return tuple(v for side in SIDES for v in point_variables(f"{side}_hand", f"the palm of the {side} hand"))
+
+
+def finger_variables(*sides: str) -> tuple[Variable, ...]:
+    """Returns the fingertip points of the named hands as variables."""
+    return tuple(
+        v
+        for side in sides
+        for finger in shadow.FINGERS
+        for v in point_variables(f"{side}_hand_{finger}", f"the {finger} fingertip of the {side} hand")
+    )
+
+
+class FreeHandTask(TwoHandTask):
+    """Two hands that move as wholes, and objects with handles.
+
+    Attributes:
+        BODIES: pairs of a variable's first part and the body whose pose and velocities it offers.
+        HANDLES: points on objects.
+        START_JOINTS: angle or travel and speed at which an object's joint starts, where they are not zero.
+    """
+
+    FREE: ClassVar[bool] = True
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "goal"))
+    HANDLES: ClassVar[tuple[Handle, ...]] = ()
+    START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {}
+
+    right_hand_pos: Tensor
+    right_hand_rot: Tensor
+    left_hand_pos: Tensor
+    left_hand_rot: Tensor
+    object_pose: Tensor
+    object_pos: Tensor
+    object_rot: Tensor
+    object_linvel: Tensor
+    object_angvel: Tensor
+    goal_pose: Tensor
+    goal_pos: Tensor
+    goal_rot: Tensor
+
+    def _place(self, ids: Tensor) -> None:
+        for name, (position, speed) in self.START_JOINTS.items():
+            joint = self._physics.model.joint(name)
+            self._physics.qpos[ids, int(joint.qposadr[0])] = position
+            self._physics.qvel[ids, int(joint.dofadr[0])] = speed
+
+    def _name_measurements(self) -> None:
+        states = self.rigid_body_states
+        palms = states[:, [PALM, HAND_BODIES + PALM]]
+        palm_points = palms[..., :3] + rotations.rotate(palms[..., 3:7], PALM_POINT)
+        self.right_hand_pos, self.left_hand_pos = palm_points.unbind(1)
+        self.right_hand_rot, self.left_hand_rot = palms[..., 3:7].unbind(1)
+        tips = states[:, [*DISTAL, *(HAND_BODIES + body for body in DISTAL)]]
+        points = tips[..., :3] + rotations.rotate(tips[..., 3:7], FINGER_POINT)
+        self._tips = points.view(self.num_envs, 2, len(DISTAL), 3)
+        for side, hand in enumerate(SIDES):
+            for finger, name in enumerate(shadow.FINGERS):
+                setattr(self, f"{hand}_hand_{name}_pos", self._tips[:, side, finger])
+                setattr(self, f"{hand}_hand_{name}_rot", tips[:, side * len(DISTAL) + finger, 3:7])
+        for name, body in self.BODIES:
+            self._name_body(name, body)
+        for handle in self.HANDLES:
+            state = states[:, 2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body)]
+            position = state[:, 0:3] + rotations.rotate(state[:, 3:7], torch.tensor(handle.offset))
+            setattr(self, f"{handle.name}_pos", position)
+            setattr(self, f"{handle.name}_rot", state[:, 3:7])
+
+    def reach(self, side: str, point: Tensor) -> Tensor:
+        """Returns the sum (m) of the distances from a hand's five fingertips to a point `(num_envs, 3)`."""
+        tips = self._tips[:, SIDES.index(side)]
+        return torch.norm(point.unsqueeze(1) - tips, dim=-1).sum(dim=-1)
+
+    def joint_position(self, name: str) -> Tensor:
+        """Returns the angle (rad) or travel (m) of an object's joint, `(num_envs,)`."""
+        return self._physics.qpos[:, int(self._physics.model.joint(name).qposadr[0])].float()
+
+
+def free_hands(env: TwoHandTask, right_position: Tensor, left_position: Tensor) -> Tensor:
+    """Returns the observations of both hands, 199 each: `hand_observations` with a position and Euler angles."""
+    right = torch.cat((right_position, rotations.euler_xyz(env.root_state_tensor[:, 0, 3:7])), dim=-1)
+    left = torch.cat((left_position, rotations.euler_xyz(env.root_state_tensor[:, 1, 3:7])), dim=-1)
+    return torch.cat(
+        (
+            hand_observations(
+                env.shadow_hand_dof_pos, env.shadow_hand_dof_vel, env.dof_force_tensor[:, :24],
+                env.fingertip_state, env.vec_sensor_tensor[:, :30], right, env.actions[:, :26],
+            ),
+            hand_observations(
+                env.shadow_hand_another_dof_pos, env.shadow_hand_another_dof_vel, env.dof_force_tensor[:, 24:],
+                env.fingertip_another_state, env.vec_sensor_tensor[:, 30:], left, env.actions[:, 26:],
+            ),
+        ),
+        dim=-1,
+    )  # fmt: skip

@@ -1,0 +1,191 @@
+"""Humanoid: a capsule figure runs as fast as it can along +x.
+
+After the Isaac Gym task of that name. Departures: the joints' springs act, as MuJoCo reads the original's model file
+(whether they do in the original is not known); parts of the figure meet the floor only; foot forces are MuJoCo's force
+and torque sensors.
+"""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks.base import Task, plain_variables
+from porse.tasks.humanoid_scene import GEARS, JOINTS, humanoid_scene
+from porse.variables import Variable
+
+START_HEIGHT = 1.34
+FALLEN = 0.8
+TARGET = (1000.0, 0.0, 0.0)
+EFFORT_RATIO = torch.tensor(GEARS) / 135.0
+
+
+def wrapped(angle: Tensor) -> Tensor:
+    """Returns the angle (rad) in [-pi, pi)."""
+    return torch.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
+
+
+class Humanoid(Task):
+    """Run as fast as possible."""
+
+    NAME: ClassVar[str] = "Humanoid"
+    FAMILY: ClassVar[str] = "isaac"
+    DESCRIPTION: ClassVar[str] = "to make the humanoid run as fast as possible"
+    NUM_OBSERVATIONS: ClassVar[int] = 108
+    NUM_ACTIONS: ClassVar[int] = 21
+    EPISODE_LENGTH: ClassVar[int] = 1000
+    TIME_LIMIT: ClassVar[int] = 999
+    CONTROL_DT: ClassVar[float] = 0.0166
+    SUBSTEPS: ClassVar[int] = 2
+    OBSERVATION_CLIP: ClassVar[float] = 5.0
+    FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata")
+    MEASURED: ClassVar[tuple[str, ...]] = ("dof_force_tensor", "vec_sensor_tensor", "potentials", "prev_potentials")
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the torso"),
+        Variable("targets", "tensor", (3,), "m", "world", "the place to run to, far ahead"),
+        Variable("potentials", "tensor", (), "m/s", "-", "minus the distance to the target, over dt"),
+        Variable("prev_potentials", "tensor", (), "m/s", "-", "the same one step before"),
+        Variable("dof_pos", "tensor", (21,), "rad", "joint", "joint angles"),
+        Variable("dof_vel", "tensor", (21,), "rad/s", "joint", "joint speeds"),
+        Variable("dof_limits_lower", "tensor", (21,), "rad", "joint", "lower limits of the joints"),
+        Variable("dof_limits_upper", "tensor", (21,), "rad", "joint", "upper limits of the joints"),
+        Variable("dof_force_tensor", "tensor", (21,), "N m", "joint", "joint torques"),
+        Variable("vec_sensor_tensor", "tensor", (12,), "N, N m", "body", "force and torque at the right and left foot"),
+        Variable("up_vec", "tensor", (3,), "1", "world", "up axis of the torso"),
+        Variable("heading_vec", "tensor", (3,), "1", "world", "forward axis of the torso"),
+        Variable("inv_start_rot", "tensor", (4,), "1", "world", "inverse of the torso's start orientation"),
+        Variable("dt", "float", (), "s", "-", "control step"),
+        *plain_variables(108, 21),
+    )
+    OBSERVATION_HELPERS = (wrapped,)
+    dt: ClassVar[float] = CONTROL_DT
+
+    @classmethod
+    def scene(cls) -> mujoco.MjSpec:
+        """Returns the figure on a plane."""
+        return humanoid_scene()
+
+    def _prepare(self) -> None:
+        model = self._physics.model
+        joints = [model.joint(name) for name in JOINTS]
+        self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
+        self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
+        limits = torch.tensor([joint.range.tolist() for joint in joints])
+        self.dof_limits_lower = limits[:, 0].repeat(self.num_envs, 1)
+        self.dof_limits_upper = limits[:, 1].repeat(self.num_envs, 1)
+        self.targets = torch.tensor(TARGET).repeat(self.num_envs, 1)
+        self.inv_start_rot = torch.tensor([0.0, 0.0, 0.0, 1.0]).repeat(self.num_envs, 1)
+        self.dof_force_tensor = torch.zeros(self.num_envs, 21)
+        self.vec_sensor_tensor = torch.zeros(self.num_envs, 12)
+        self.potentials = torch.zeros(self.num_envs)
+        self.prev_potentials = torch.zeros(self.num_envs)
+
+    def _start(self, ids: Tensor) -> None:
+        n = len(ids)
+        angles = self._uniform(-0.2, 0.2, n, 21).clamp(self.dof_limits_lower[0], self.dof_limits_upper[0])
+        self._physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.double()
+        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 21).double()
+
+    def _act(self) -> None:
+        self._physics.ctrl[:] = self.actions.double()
+
+    def _measure(self) -> None:
+        read = self._physics.read
+        forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
+        self.dof_force_tensor = forces[:, self._qvel_index]
+        self.vec_sensor_tensor = read("sensordata")
+        self._name_measurements()
+        self.prev_potentials = self.potentials
+        self.potentials = self._potential()
+
+    def _measure_started(self, ids: Tensor) -> None:
+        # Forces belong to a step, and an episode that begins has had none.
+        self.dof_force_tensor[ids] = 0.0
+        self.vec_sensor_tensor[ids] = 0.0
+        self._name_measurements()
+        start = self._potential()[ids]
+        self.prev_potentials = self.prev_potentials.index_copy(0, ids, start)
+        self.potentials = self.potentials.index_copy(0, ids, start)
+
+    def _remeasure(self) -> None:
+        self._name_measurements()
+
+    def _name_measurements(self) -> None:
+        """Sets the variables from the joints."""
+        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
+        orientation = qpos[:, [4, 5, 6, 3]]
+        # MuJoCo keeps a free joint's angular velocity in the body's own frame.
+        spin = rotations.rotate(orientation, qvel[:, 3:6])
+        self.root_states = torch.cat((qpos[:, 0:3], orientation, qvel[:, 0:3], spin), dim=-1)
+        self.dof_pos = qpos[:, self._qpos_index]
+        self.dof_vel = qvel[:, self._qvel_index]
+        self.up_vec = rotations.rotate(orientation, torch.tensor([0.0, 0.0, 1.0]))
+        self.heading_vec = rotations.rotate(orientation, torch.tensor([1.0, 0.0, 0.0]))
+
+    def _potential(self) -> Tensor:
+        """Returns minus the horizontal distance to the target over the control step, `(num_envs,)`."""
+        return -torch.norm(self.targets[:, :2] - self.root_states[:, :2], dim=-1) / self.CONTROL_DT
+
+    def _record(self) -> None:
+        pass  # the statistic is the mean of the present progress
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations before clipping, `(num_envs, 108)`."""
+        position, orientation = self.root_states[:, 0:3], self.root_states[:, 3:7]
+        turned = rotations.multiply(orientation, self.inv_start_rot)
+        angles = rotations.euler_xyz(turned)
+        to_target = self.targets - position
+        bearing = torch.atan2(to_target[:, 1], to_target[:, 0])
+        direction = to_target[:, :2] / torch.norm(to_target[:, :2], dim=-1, keepdim=True)
+        lower, upper = self.dof_limits_lower, self.dof_limits_upper
+        return torch.cat(
+            (
+                position[:, 2:3],
+                rotations.rotate_inverse(turned, self.root_states[:, 7:10]),
+                0.25 * rotations.rotate_inverse(turned, self.root_states[:, 10:13]),
+                wrapped(angles[:, 2:3]),
+                wrapped(angles[:, 0:1]),
+                wrapped(bearing.unsqueeze(-1) - angles[:, 2:3]),
+                self.up_vec[:, 2:3],
+                (self.heading_vec[:, :2] * direction).sum(dim=-1, keepdim=True),
+                (2.0 * self.dof_pos - upper - lower) / (upper - lower),
+                0.1 * self.dof_vel,
+                0.01 * self.dof_force_tensor,
+                0.01 * self.vec_sensor_tensor,
+                self.actions,
+            ),
+            dim=-1,
+        )
+
+    def progress_speed(self) -> Tensor:
+        """Returns how fast (m/s) the last step came nearer to the target, `(num_envs,)`."""
+        return self.potentials - self.prev_potentials
+
+    def failed(self) -> Tensor:
+        """Returns where the torso is below 0.8 m."""
+        return self.root_states[:, 2] < FALLEN
+
+    def fitness(self) -> float:
+        """Returns the mean progress (m/s) of the last step."""
+        return float(self.progress_speed().mean())
+
+    def sparse_reward(self) -> Tensor:
+        """Returns the progress (m/s) of the last step."""
+        return self.progress_speed()
+
+    def human_reward(self) -> Tensor:
+        """Returns the original's reward: progress, staying up, heading; actions, power and joint limits cost."""
+        observations = self.compute_observations()
+        up, heading = observations[:, 10], observations[:, 11]
+        joints, speeds = observations[:, 12:33], observations[:, 33:54]
+        upright = torch.where(up > 0.93, 0.1, 0.0)
+        ahead = torch.where(heading > 0.8, 0.5, 0.5 * heading / 0.8)
+        excess = 0.25 * (joints.abs() - 0.98) / 0.02
+        limits = (torch.where(joints.abs() > 0.98, excess, 0.0) * EFFORT_RATIO).sum(dim=-1)
+        power = ((self.actions * speeds).abs() * EFFORT_RATIO).sum(dim=-1)
+        effort = (self.actions * self.actions).sum(dim=-1)
+        reward = self.progress_speed() + 2.0 + upright + ahead - 0.01 * effort - 0.05 * power - limits
+        return torch.where(self.failed(), -1.0, reward)

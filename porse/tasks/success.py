@@ -1,0 +1,58 @@
+"""The base of tasks that are solved or not: success latches in an episode, and the statistic is kept over episodes."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from porse.tasks.base import Task
+
+
+class SuccessTask(Task):
+    """A task whose fitness is the share of episodes that were solved.
+
+    After each step an environment counts as its episode's outcome where the episode just ended, and otherwise as
+    before: as the last mean over all environments, or, with `PER_ENV_STATISTIC`, as its own last outcome. The
+    statistic is the mean of that.
+
+    Attributes:
+        PER_ENV_STATISTIC: which of the two.
+        successes: outcome of the running episodes, 0 or 1, `(num_envs,)`.
+        outcomes: what each environment counts as now, `(num_envs,)`.
+    """
+
+    PER_ENV_STATISTIC: ClassVar[bool] = False
+
+    successes: Tensor
+    outcomes: Tensor
+
+    @abstractmethod
+    def succeeded(self) -> Tensor:
+        """Returns where the task is solved now, bool `(num_envs,)`."""
+
+    def _prepare(self) -> None:
+        self.successes = torch.zeros(self.num_envs)
+        self.outcomes = torch.zeros(self.num_envs)
+
+    def _start(self, ids: Tensor) -> None:
+        self.successes[ids] = 0.0
+
+    def _count(self) -> None:
+        """Lets a success of this step latch."""
+        self.successes = torch.where(self.succeeded(), 1.0, self.successes)
+
+    def _record(self) -> None:
+        self._count()
+        finished = self.terminated() | self.timed_out()
+        self.outcomes = torch.where(finished, self.successes, self.outcomes)
+        if not self.PER_ENV_STATISTIC:
+            self.outcomes = self.outcomes.mean().repeat(self.num_envs)
+
+    def fitness(self) -> float:
+        """Returns the mean outcome of the episodes."""
+        return float(self.outcomes.mean())
+
+    def sparse_reward(self) -> Tensor:
+        """Returns 1 where the task is solved now, else 0."""
+        return self.succeeded().float()

@@ -1,0 +1,101 @@
+import copy
+import dataclasses
+
+import pytest
+import yaml
+
+from porse.config import Params, parse_params
+from porse.errors import ParamsError
+
+
+@pytest.fixture(scope="module")
+def document(root):
+    return yaml.safe_load((root / "params.yaml").read_text())
+
+
+def changed(document, name, value):
+    document = copy.deepcopy(document)
+    *path, last = name.split(".")
+    section = document
+    for key in path:
+        section = section[key]
+    section[last] = value
+    return document
+
+
+def test_the_committed_parameters_load(params):
+    assert params.task == "Quadcopter"
+    assert (params.generate.candidates, params.mutate.mutants, len(params.iterations)) == (6, 5, 5)
+    assert (params.exploration.lambda_, params.exploration.cells) == (0.01, 1000)
+    assert (params.candidate.beta, params.candidate.alpha) == (1.0, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("seed", -1, ["seed", "[0,", "-1"]),
+        ("candidate.alpha", 1.5, ["candidate.alpha", "[0, 1]", "1.5"]),
+        ("candidate.beta", 3.0, ["candidate.beta", "candidate.scale"]),
+        ("method", "prose", ["method", "porse", "prose"]),
+        ("numerics", "slow", ["numerics", "portable", "fast"]),
+        ("llm.profile", "gpt", ["llm.profile", "by-hand"]),
+        ("train.num_envs", "many", ["train.num_envs", "int", "many"]),
+        ("train.num_envs", True, ["train.num_envs", "int"]),
+        ("train.gamma", float("nan"), ["train.gamma", "finite"]),
+        ("train.minibatches", 7, ["train.minibatches", "divisor"]),
+        ("generate.elites", 6, ["generate.elites", "generate.candidates"]),
+        ("train.hidden", [], ["train.hidden", "list"]),
+        ("iterations", [{"n": 2, "next": 3}], ["iterations"]),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_was_expected(document, name, value, words):
+    with pytest.raises(ParamsError) as caught:
+        parse_params(changed(document, name, value), "params.yaml")
+    assert all(word in str(caught.value) for word in [*words, "params.yaml"])
+
+
+def test_an_unknown_parameter_is_refused_with_its_nearest_name(document):
+    with pytest.raises(ParamsError, match=r"train\.gama; did you mean train\.gamma\?"):
+        parse_params(changed(document, "train.gama", 0.9), "params.yaml")
+
+
+def leaves(document, prefix=""):
+    for key, value in document.items():
+        yield f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from leaves(value, f"{prefix}{key}.")
+
+
+def test_every_parameter_is_required(document):
+    for name in leaves(document):
+        if name.startswith("llm.profiles."):
+            continue
+        *path, last = name.split(".")
+        incomplete = copy.deepcopy(document)
+        section = incomplete
+        for key in path:
+            section = section[key]
+        del section[last]
+        with pytest.raises(ParamsError, match=f"parameter {name} in params.yaml, found none"):
+            parse_params(incomplete, "params.yaml")
+
+
+def test_no_parameter_has_a_default_in_python():
+    def sections(kind):
+        yield kind
+        for field in dataclasses.fields(kind):
+            if dataclasses.is_dataclass(field.type):
+                yield from sections(field.type)
+
+    for section in sections(Params):
+        for field in dataclasses.fields(section):
+            assert field.default is dataclasses.MISSING
+            assert field.default_factory is dataclasses.MISSING
+
+
+def test_every_parameter_is_explained(root):
+    lines = (root / "params.yaml").read_text().splitlines()
+    for index, line in enumerate(lines):
+        if line and not line.startswith((" ", "#", "-")):
+            explained = any(near.lstrip().startswith("#") for near in lines[max(0, index - 1) : index + 2])
+            assert explained, f"{line} has no words above or below it"

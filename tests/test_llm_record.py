@@ -1,0 +1,150 @@
+"""A record that was changed in any way is refused; one that was not is read back exactly."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from porse.errors import CacheError
+from porse.identity import content_id
+from porse.llm.record import parse_record
+from tests.llm_cases import RECORD, record
+
+KEY = RECORD.key
+DATA = RECORD.render()
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
+
+
+def edited(change: Callable[[dict[str, Any]], object], rehash: bool = False) -> bytes:
+    """Returns the record's file after a change, with a fitting payload hash if asked."""
+    document = json.loads(DATA)
+    change(document)
+    if rehash:
+        del document["payload_hash"]
+        document["payload_hash"] = content_id("record", document)
+    return json.dumps(document).encode()
+
+
+def test_read_gives_what_was_written() -> None:
+    assert parse_record(DATA, KEY, "x.json") == RECORD
+
+
+@given(TEXT)
+def test_any_text_survives(text: str) -> None:
+    written = record(text)
+    assert parse_record(written.render(), written.key, "x.json").answer.text == text
+
+
+def test_texts_are_stored_line_by_line() -> None:
+    assert json.loads(DATA)["reply"]["text"] == ["def reward():", "    return 1", ""]
+    assert json.loads(DATA)["request"]["messages"][0]["content"] == ["You write rewards.", "Torch only."]
+
+
+def test_layout_does_not_matter_to_a_reader() -> None:
+    assert parse_record(edited(lambda document: None), KEY, "x.json") == RECORD
+
+
+def test_cost_by_the_recorded_prices() -> None:
+    # 1000 prompt tokens at 2 USD and 200 completion tokens at 10 USD per million.
+    assert RECORD.cost_usd == pytest.approx(0.002 + 0.002)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda document: document["reply"]["text"].append("more"),
+        lambda document: document["reply"].update(finish_reason="length"),
+        lambda document: document["reply"].update(prompt_tokens=1),
+        lambda document: document["request"].update(temperature=0.6),
+        lambda document: document["request"]["messages"][0].update(role="user"),
+        lambda document: document["provenance"].update(answered_by="somebody"),
+        lambda document: document["provenance"]["price"].update(usd_per_million_prompt_tokens=0),
+        lambda document: document.update(format=2),
+        lambda document: document.update(extra=1),
+        lambda document: document.update(key="0" * 64),
+        lambda document: document.pop("payload_hash"),
+        lambda document: document.pop("reply"),
+    ],
+)
+def test_edit_is_refused(change: Callable[[dict[str, Any]], object]) -> None:
+    with pytest.raises(CacheError, match=r"x\.json cannot be trusted: expected payload hash .* edited"):
+        parse_record(edited(change), KEY, "x.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda document: document["request"].update(temperature=0.6), "key"),
+        (lambda document: document["request"].update(temperature=9), "record of format 1"),
+        (lambda document: document["request"].update(colour="red"), "record of format 1"),
+        (lambda document: document["request"].pop("model"), "record of format 1"),
+        (lambda document: document["reply"].pop("text"), "record of format 1"),
+        (lambda document: document.update(format=2), "format 2"),
+        (lambda document: document.update(extra=1), "extra"),
+        (lambda document: document.update(request=[]), "record of format 1"),
+        (lambda document: document.update(key="0" * 64), "key"),
+    ],
+)
+def test_edit_with_a_fitting_hash_is_refused(change: Callable[[dict[str, Any]], object], found: str) -> None:
+    with pytest.raises(CacheError, match=found):
+        parse_record(edited(change, rehash=True), KEY, "x.json")
+
+
+def test_every_truncation_is_refused() -> None:
+    for length in range(len(DATA) - 1):
+        with pytest.raises(CacheError):
+            parse_record(DATA[:length], KEY, "x.json")
+
+
+def test_every_changed_letter_is_refused_or_harmless() -> None:
+    for place, byte in enumerate(DATA):
+        changed = DATA[:place] + bytes([byte ^ 1]) + DATA[place + 1 :]
+        try:
+            assert parse_record(changed, KEY, "x.json") == RECORD, f"byte {place}"
+        except CacheError:
+            continue
+
+
+def test_misnamed_record_is_refused() -> None:
+    with pytest.raises(CacheError, match="misnamed"):
+        parse_record(DATA, record(sample=1).key, "x.json")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"null",
+        b"[]",
+        b"\xff\xfe",
+        b'{"a": NaN}',
+        b'{"a": 1e999}',
+        b'{"a": "\\ud800"}',
+        b"[" * 100_000,
+        b'{"a":' * 100_000,
+        b'{"a": ' + b"9" * 10_000 + b"}",
+    ],
+    ids=[
+        "empty",
+        "null",
+        "list",
+        "not UTF-8",
+        "NaN",
+        "infinity",
+        "surrogate",
+        "deep list",
+        "deep object",
+        "long number",
+    ],
+)
+def test_other_bytes_are_refused(data: bytes) -> None:
+    with pytest.raises(CacheError, match=r"x\.json cannot be trusted"):
+        parse_record(data, KEY, "x.json")
+
+
+def test_error_says_how_to_go_on() -> None:
+    with pytest.raises(CacheError, match=r"git checkout -- x\.json"):
+        parse_record(b"", KEY, "x.json")

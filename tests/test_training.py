@@ -1,0 +1,243 @@
+import dataclasses
+import hashlib
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from porse import numerics, tables
+from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
+from porse.errors import CheckpointError, ParamsError
+from porse.pool import policy_file, read_pool, write_pool
+from porse.search.elimination import rank, score
+from porse.training.candidate import train_candidate
+from porse.training.job import Job
+from porse.training.population import WORKERS_VARIABLE, workers
+from porse.training.reward import EpochMeans
+from porse.training.rung import train_rung
+from porse.training.start import random_policy
+from porse.training.vecenv import TaskEnv
+from samples import MAPPING, NOT_FINITE, REWARD
+
+ENVS = "32"
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def start(params, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("start") / "start.safetensors"
+    write_checkpoint(path, random_policy(params, 1))
+    return path
+
+
+def train(root, start, finish, until, *before) -> str:
+    command = [*before, sys.executable, str(root / "tests" / "train_one.py"), str(start), str(finish), str(until), ENVS]
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
+    return digest(finish)
+
+
+def test_a_training_split_between_two_processes_gives_the_same_bits(root, start, tmp_path):
+    whole = train(root, start, tmp_path / "whole.safetensors", 4)
+    train(root, start, tmp_path / "half.safetensors", 2)
+    assert train(root, tmp_path / "half.safetensors", tmp_path / "two.safetensors", 4) == whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cpu", ["Haswell", "EPYC"])
+def test_a_training_gives_the_same_bits_on_another_vendors_cpu(root, start, tmp_path, cpu):
+    emulator = shutil.which("qemu-x86_64")
+    if emulator is None:
+        pytest.fail("expected qemu-x86_64, found none; install Debian's qemu-user, then run this again")
+    native = train(root, start, tmp_path / "native.safetensors", 2)
+    assert train(root, start, tmp_path / "other.safetensors", 2, emulator, "-cpu", cpu) == native
+
+
+def job(start, finish, reward=REWARD, **changes):
+    return dataclasses.replace(Job("one", reward, MAPPING, 1.0, start, finish, 2, 7), **changes)
+
+
+@pytest.fixture(scope="module")
+def small_start(small, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("small") / "start.safetensors"
+    write_checkpoint(path, random_policy(small, 1))
+    return path
+
+
+def test_another_seed_gives_another_policy(small, small_start, tmp_path):
+    for seed in (1, 2):
+        train_candidate(job(small_start, tmp_path / f"{seed}.safetensors", seed=seed), small, lambda *_: None)
+    assert digest(tmp_path / "1.safetensors") != digest(tmp_path / "2.safetensors")
+
+
+def test_every_series_is_written_down_at_every_epoch(small, small_start, tmp_path):
+    outcome = train_candidate(job(small_start, tmp_path / "x.safetensors"), small, lambda *_: None)
+    series = [name for epoch, name, _ in outcome.rows if epoch == 2]
+    assert series == [
+        "fitness", "goal", "bonus", "component/closeness", "component/tilt", "component/upright", "progress/distance",
+        "progress/speed", "reward", "terminated",
+    ]  # fmt: skip
+    values = {name: value for epoch, name, value in outcome.rows if epoch == 2}
+    # beta = 1 and scale = 2: R_total = 1 R_e + 1 R_g
+    assert values["reward"] == pytest.approx(values["goal"] + values["bonus"], abs=1e-6)
+    assert values["goal"] == pytest.approx(
+        values["component/closeness"] + 0.2 * values["component/upright"] - 0.01 * values["component/tilt"], abs=1e-6
+    )
+
+
+def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_nothing(small, small_start, tmp_path):
+    outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", NOT_FINITE), small, lambda *_: None)
+    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late)"
+    assert outcome.rows == []
+    assert not (tmp_path / "x.safetensors").exists()
+
+
+def candidate_row(name, reward, slot):
+    return {
+        "iteration": 1, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
+        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "beta": 1.0, "alpha": 0.8,
+        "policy": "fused", "epochs": 0, "failure": "",
+    }  # fmt: skip
+
+
+def folder_digest(folder: Path) -> list[tuple[str, str]]:
+    return [(str(path.relative_to(folder)), digest(path)) for path in sorted(folder.rglob("*")) if path.is_file()]
+
+
+def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_candidate(
+    small, small_start, tmp_path, monkeypatch
+):
+    gentler = REWARD.replace("1.5", "0.5")
+    rows = [candidate_row("good", REWARD, 0), candidate_row("bad", NOT_FINITE, 1), candidate_row("calm", gentler, 2)]
+    write_pool(tmp_path / "pool", rows, [], {"fused": small_start})
+    for count in ("1", "3"):
+        monkeypatch.setenv(WORKERS_VARIABLE, count)
+        train_rung(read_pool(tmp_path / "pool"), small, 1, "1", tmp_path / count)
+    assert folder_digest(tmp_path / "1") == folder_digest(tmp_path / "3")
+    trained = read_pool(tmp_path / "3")
+    after = {row["candidate_id"]: row for row in trained.candidates}
+    assert (after["good"]["policy"], after["good"]["epochs"], after["good"]["failure"]) == ("good", 2, "")
+    assert (after["bad"]["policy"], after["bad"]["epochs"]) == ("fused", 0)
+    assert after["bad"]["failure"].startswith("its reward was not finite")
+    ranked = rank([score(row, trained.curves, 15) for row in trained.candidates])
+    assert ranked[-1].candidate_id == "bad"
+    # A candidate that is as old as the rung stays as it is, byte for byte.
+    train_rung(trained, small, 1, "1", tmp_path / "again")
+    assert digest(policy_file(tmp_path / "again", "good")) == digest(policy_file(tmp_path / "3", "good"))
+
+
+def test_workers_come_from_the_environment(monkeypatch):
+    monkeypatch.setenv(WORKERS_VARIABLE, "3")
+    assert workers() == 3
+    monkeypatch.setenv(WORKERS_VARIABLE, "none")
+    with pytest.raises(ParamsError, match="PORSE_WORKERS"):
+        workers()
+
+
+def test_epoch_means_are_over_environments_and_steps():
+    means = EpochMeans()
+    means.add({"a": torch.tensor([1.0, 3.0]), "b": torch.tensor([True, False])})
+    means.add({"a": torch.tensor([5.0, 7.0]), "b": torch.tensor([False, False])})
+    # (1 + 3 + 5 + 7) / 4 and (1 + 0 + 0 + 0) / 4
+    assert means.take() == {"a": 4.0, "b": 0.25}
+    assert means.take() == {}
+
+
+class FakeTask:
+    """Two environments: the first fails, the second meets the time limit."""
+
+    NUM_ACTIONS, EPISODE_LENGTH, num_envs = 1, 5, 2
+    progress = torch.tensor([3, 5])
+
+    def __init__(self):
+        self.reset_mask = None
+
+    def step(self, actions):
+        pass
+
+    def variables(self):
+        return {}
+
+    def observations(self):
+        return torch.zeros(2, 1)
+
+    def terminated(self):
+        return torch.tensor([True, False])
+
+    def timed_out(self):
+        return torch.tensor([True, True])
+
+    def reset(self, mask):
+        self.reset_mask = mask
+
+
+class FakeReward:
+    def pay(self, variables):
+        from porse.training.reward import Payment
+
+        return Payment(torch.tensor([1.0, 2.0]), {})
+
+
+def test_only_the_time_limit_counts_as_a_time_out_and_rewards_are_scaled():
+    task = FakeTask()
+    _, rewards, ends, extras = TaskEnv(task, FakeReward(), 0.1).step(torch.zeros(2, 1))
+    assert ends.tolist() == [True, True]
+    assert extras["time_outs"].tolist() == [0.0, 1.0]
+    assert task.reset_mask.tolist() == [True, True]
+    torch.testing.assert_close(rewards, torch.tensor([0.1, 0.2]))
+
+
+def test_a_checkpoint_reads_back_with_its_shapes_and_types(tmp_path):
+    arrays = {"task.count": np.array(3), "actor.w": np.ones((2, 3), np.float32), "ppo.g": np.arange(4, dtype=np.uint8)}
+    write_checkpoint(tmp_path / "c.safetensors", Checkpoint(arrays, {"kind": "checkpoint", "epoch": 4}))
+    found = read_checkpoint(tmp_path / "c.safetensors")
+    assert found.scalars == {"kind": "checkpoint", "epoch": 4}
+    assert {name: (a.shape, a.dtype) for name, a in found.arrays.items()} == {
+        name: (a.shape, a.dtype) for name, a in arrays.items()
+    }
+    assert list(found.policy()) == ["actor.w"]
+
+
+def test_a_missing_and_a_damaged_checkpoint_are_told_apart(tmp_path, small, small_start):
+    with pytest.raises(CheckpointError, match="no such file"):
+        read_checkpoint(tmp_path / "none.safetensors")
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(small_start.read_bytes()[:-10])
+    with pytest.raises(CheckpointError, match="damaged"):
+        read_checkpoint(damaged)
+    other = tmp_path / "other.safetensors"
+    write_checkpoint(other, policy_checkpoint({"actor.x": np.zeros(1, np.float32)}))
+    with pytest.raises(CheckpointError, match=r"train\.hidden"):
+        train_candidate(job(other, tmp_path / "x.safetensors"), small, lambda *_: None)
+
+
+def test_no_checkpoint_is_a_pickle(small_start):
+    assert small_start.read_bytes()[8:9] == b"{"
+
+
+def test_the_numeric_profile_must_be_set_before_torch(monkeypatch):
+    numerics.apply("portable")
+    monkeypatch.setenv("MKL_CBWR", "AVX2")
+    with pytest.raises(ParamsError, match="before torch is loaded"):
+        numerics.apply("portable")
+
+
+def test_the_manifest_names_what_ran():
+    found = numerics.manifest()
+    assert found["package torch"].startswith("2.13.0")
+    assert found["MKL_CBWR"] == "COMPATIBLE"
+    assert found["cpu"]
+
+
+def test_pools_leave_out_the_curves_of_others(tmp_path, small_start):
+    row = {"iteration": 1, "rung": "1", "series": "fitness", "epoch": 1, "value": 0.0}
+    curves = [{**row, "candidate_id": name} for name in ("in", "out")]
+    write_pool(tmp_path / "p", [candidate_row("in", REWARD, 0)], curves, {"fused": small_start})
+    assert [row["candidate_id"] for row in read_pool(tmp_path / "p").curves] == ["in"]
+    assert tables.read(tmp_path / "p" / "candidates.parquet", tables.CANDIDATES)[0]["policy"] == "fused"
