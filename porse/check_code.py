@@ -2,23 +2,16 @@
 
 import json
 import sys
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from porse import numerics
 from porse.code.contract import Kind
 from porse.code.limits import Limits
 from porse.code.sandbox import Sandbox
 from porse.code.validate import Submission, judge
 from porse.code.verdict import Verdict
-
-PROBE_ENVS = 16
-"""Environments whose states right after a reset, and after some random actions, a function is tried on."""
-PROBE_STEPS = 16
-"""Control steps of random actions before the second half of those states."""
 
 
 @click.command("check-code")
@@ -38,18 +31,9 @@ def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], a
     sys.exit(0 if all(verdict.passed for verdict in verdicts) else 1)
 
 
-def _verdicts(task_name: str, submissions: list[Submission]) -> list[Verdict]:
-    """Returns the verdicts; the probe starts first, so that it loads torch while this process does."""
-    with Sandbox(Limits()) as sandbox, tempfile.TemporaryDirectory(prefix="porse-") as folder:
-        numerics.apply("portable")
-        from porse.code.states import save_states
-        from porse.generation.states import probe_states
-        from porse.tasks import find_task
-
-        variables = find_task(task_name).VARIABLES
-        path = Path(folder) / "states.safetensors"
-        save_states(path, probe_states(task_name, PROBE_ENVS, PROBE_STEPS, seed=0))
-        sandbox.load(path, variables)
+def _verdicts(task: str, submissions: list[Submission]) -> list[Verdict]:
+    with Sandbox(Limits(), "porse.task_probe") as sandbox:
+        variables = sandbox.prepare({"task": task})
         return [judge(submission, variables, sandbox)[0] for submission in submissions]
 
 

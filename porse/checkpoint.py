@@ -67,9 +67,15 @@ def read_checkpoint(path: Path) -> Checkpoint:
             scalars = json.loads((file.metadata() or {}).get("porse", "{}"))
             arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
     except FileNotFoundError:
-        raise CheckpointError(f"expected a checkpoint at {path}, found no such file; run `dvc repro` to make it") from None
+        raise CheckpointError(
+            f"expected a checkpoint at {path}, found no such file; run `dvc repro` to make it"
+        ) from None
     except (SafetensorError, ValueError) as error:
-        raise CheckpointError(f"expected a checkpoint at {path}, found a damaged file ({error}); delete it and run `dvc repro`") from error
+        raise CheckpointError(
+            f"expected a checkpoint at {path}, found a damaged file ({error}); delete it and run `dvc repro`"
+        ) from error
     if scalars.get("version") != VERSION:
-        raise CheckpointError(f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')}; delete it and run `dvc repro`")
+        raise CheckpointError(
+            f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')}; delete it and run `dvc repro`"
+        )
     return Checkpoint(arrays, {key: value for key, value in scalars.items() if key != "version"})

@@ -10,8 +10,8 @@ import click
 from porse import __version__, tables
 from porse.config import load_params
 from porse.errors import PorseError
+from porse.report.markdown import results_table
 from porse.search.schedule import total_epochs, varied, work
-from porse.stage import EXIT_ERROR
 
 _LAZY = {"llm": "porse.llm.cli:llm", "check-code": "porse.check_code:check_code"}
 """Commands that live with what they are about; imported when they are called, since some need torch."""
@@ -33,9 +33,7 @@ class _Porse(click.Group):
         try:
             return super().invoke(ctx)
         except PorseError as error:
-            failure = click.ClickException(str(error))
-            failure.exit_code = EXIT_ERROR
-            raise failure from error
+            raise click.ClickException(str(error)) from error
 
 
 @click.group(cls=_Porse)
@@ -65,6 +63,19 @@ def show_schedule(path: Path) -> None:
     click.echo(f"in all {total_epochs(params)} epochs")
 
 
+@main.command("results")
+@click.option("--metrics", "path", default="metrics.json", show_default=True, type=click.Path(path_type=Path))
+def show_results(path: Path) -> None:
+    """Print MTS by iteration from a run's metrics, as Markdown."""
+    try:
+        metrics = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise PorseError(
+            f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first"
+        ) from None
+    click.echo(results_table(metrics))
+
+
 @main.command("tasks")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_tasks(as_json: bool) -> None:
@@ -86,4 +97,6 @@ def show_tasks(as_json: bool) -> None:
         click.echo(json.dumps(rows, indent=2))
         return
     for row in rows:
-        click.echo(f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} {row['description']}")
+        click.echo(
+            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} {row['description']}"
+        )

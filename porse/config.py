@@ -49,7 +49,7 @@ class LlmParams:
 
     profile: str
     temperature: Annotated[float, Range(0.0, 2.0)]
-    top_p: Fraction
+    top_p: Annotated[float, Range(1e-6, 1.0)]
     max_tokens: Positive
     profiles: Mapping[str, Profile]
 
@@ -195,7 +195,9 @@ def load_params(path: Path) -> Params:
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ParamsError(f"expected the parameters in {path}, found no such file; run from the project's root") from None
+        raise ParamsError(
+            f"expected the parameters in {path}, found no such file; run from the project's root"
+        ) from None
     except yaml.YAMLError as error:
         raise ParamsError(f"expected YAML in {path}, found: {' '.join(str(error).split())}; mend the file") from None
     return parse_params(document, str(path))
@@ -218,13 +220,17 @@ def _check_together(params: Params, where: str) -> None:
     if llm.profile not in llm.profiles:
         raise ParamsError(_wrong("llm.profile", f"one of {', '.join(llm.profiles)}", llm.profile, where))
     if candidate.beta > candidate.scale:
-        raise ParamsError(_wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where))
+        raise ParamsError(
+            _wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where)
+        )
     if params.generate.elites >= params.generate.candidates:
         expected = f"less than generate.candidates = {params.generate.candidates}"
         raise ParamsError(_wrong("generate.elites", expected, params.generate.elites, where))
     batch = train.num_envs * train.steps_per_epoch
     if batch % train.minibatches:
-        raise ParamsError(_wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where))
+        raise ParamsError(
+            _wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
+        )
     if [entry.n for entry in params.iterations] != list(range(1, len(params.iterations) + 1)):
         raise ParamsError(_wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
 
@@ -281,9 +287,13 @@ def _convert_section(value: Any, section: type, name: str, where: str) -> Any:
             raise ParamsError(f"expected only known parameters in {where}, found {prefix}{key}; {hint}")
     for key in fields:
         if key not in value:
-            raise ParamsError(f"expected the parameter {prefix}{key} in {where}, found none; add it, Python has no defaults")
+            raise ParamsError(
+                f"expected the parameter {prefix}{key} in {where}, found none; add it, Python has no defaults"
+            )
     hints = typing.get_type_hints(section, include_extras=True)
-    converted = {field.name: _convert(value[key], hints[field.name], f"{prefix}{key}", where) for key, field in fields.items()}
+    converted = {
+        field.name: _convert(value[key], hints[field.name], f"{prefix}{key}", where) for key, field in fields.items()
+    }
     return section(**converted)
 
 

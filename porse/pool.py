@@ -46,9 +46,7 @@ def read_pool(folder: Path) -> Pool:
     return Pool(folder, candidates, tables.read(folder / CURVES_FILE, tables.CURVES))
 
 
-def write_pool(
-    folder: Path, candidates: Sequence[Row], curves: Sequence[Row], policies: Mapping[str, Path]
-) -> None:
+def write_pool(folder: Path, candidates: Sequence[Row], curves: Sequence[Row], policies: Mapping[str, Path]) -> None:
     """Writes a pool to `folder`.
 
     Args:

@@ -16,13 +16,15 @@ def render(folder: Path, name: str, **facts: Any) -> str:
         PorseError: the template is missing or wrong, or a fact that it wants is not given.
     """
     # Prompts are text for a model, not HTML: escaping would change the code in them.
-    environment = Environment(  # noqa: S701
+    environment = Environment(
         loader=FileSystemLoader(folder), undefined=StrictUndefined, autoescape=False, keep_trailing_newline=False
     )
     try:
         return environment.get_template(f"{name}.jinja").render(**facts).strip()
     except TemplateError as error:
-        raise PorseError(f"expected the prompt {name} in {folder} to render with {', '.join(sorted(facts))}, found: {error!r}; mend the template") from error
+        raise PorseError(
+            f"expected the prompt {name} in {folder} to render with {', '.join(sorted(facts))}, found: {error!r}; mend the template"
+        ) from error
 
 
 def number(value: float) -> str:

@@ -11,8 +11,8 @@ import click
 from porse import numerics
 from porse.config import Params, load_params
 from porse.errors import PorseError
+from porse.processes import die_with_parent
 
-EXIT_ERROR = 1
 LOGS = Path("logs")
 
 
@@ -24,9 +24,7 @@ class StageCommand(click.Command):
         try:
             return super().invoke(ctx)
         except PorseError as error:
-            failure = click.ClickException(str(error))
-            failure.exit_code = EXIT_ERROR
-            raise failure from error
+            raise click.ClickException(str(error)) from error
 
 
 def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -37,9 +35,12 @@ def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 def begin() -> Params:
     """Returns the parameters of the run, with the numeric profile set before anything imports torch.
 
+    The stage ends when `dvc repro` does, however that ends.
+
     Raises:
         ParamsError: the parameters are wrong.
     """
+    die_with_parent()
     params = load_params(Path("params.yaml"))
     numerics.apply(params.numerics)
     return params
@@ -48,7 +49,9 @@ def begin() -> Params:
 def write_manifest() -> None:
     """Writes what the results may depend on besides the parameters to `logs/environment.json`, which is not tracked."""
     LOGS.mkdir(exist_ok=True)
-    (LOGS / "environment.json").write_text(json.dumps(numerics.manifest(), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    (LOGS / "environment.json").write_text(
+        json.dumps(numerics.manifest(), indent=2, sort_keys=True) + "\n", encoding="utf-8"
+    )
 
 
 def say(text: str) -> None:

@@ -221,17 +221,25 @@ def write(path: Path, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
     for before, row in zip([None, *ordered], ordered, strict=False):
         if row.keys() != set(names):
             differ = sorted(set(names) ^ set(row))
-            raise TableError(f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; mend the stage that made it")
+            raise TableError(
+                f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; mend the stage that made it"
+            )
         if before is not None and _key_of(before, table, path) == _key_of(row, table, path):
-            raise TableError(f"expected one row for each {table.grain}, found two with {_describe_key(row, table)} while writing {path}; mend the stage that made them")
+            raise TableError(
+                f"expected one row for each {table.grain}, found two with {_describe_key(row, table)} while writing {path}; mend the stage that made them"
+            )
     try:
         arrow = pa.Table.from_pylist(ordered, schema=table.schema)
         arrow.validate(full=True)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
-        raise TableError(f"expected values of the declared types in {table.name}, found: {error}, while writing {path}; mend the stage that made them") from error
+        raise TableError(
+            f"expected values of the declared types in {table.name}, found: {error}, while writing {path}; mend the stage that made them"
+        ) from error
     for column in arrow.column_names:
         if arrow[column].null_count:
-            raise TableError(f"expected no missing values in {table.name}, found some in {column} while writing {path}; mend the stage that made them")
+            raise TableError(
+                f"expected no missing values in {table.name}, found some in {column} while writing {path}; mend the stage that made them"
+            )
     path.parent.mkdir(parents=True, exist_ok=True)
     # Fixed options: no statistics and no dictionary, so that the bytes follow from the rows and the pinned pyarrow alone.
     pq.write_table(arrow, path, compression="zstd", use_dictionary=False, write_statistics=False, version="2.6")
@@ -246,12 +254,18 @@ def read(path: Path, table: Table) -> list[Row]:
     try:
         arrow = pq.read_table(path, use_threads=False)
     except FileNotFoundError:
-        raise TableError(f"expected the table {table.name} at {path}, found no such file; run `dvc repro` to make it") from None
+        raise TableError(
+            f"expected the table {table.name} at {path}, found no such file; run `dvc repro` to make it"
+        ) from None
     except (pa.ArrowInvalid, OSError) as error:
-        raise TableError(f"expected the table {table.name} at {path}, found an unreadable file: {error}; delete it and run `dvc repro`") from error
+        raise TableError(
+            f"expected the table {table.name} at {path}, found an unreadable file: {error}; delete it and run `dvc repro`"
+        ) from error
     if not arrow.schema.equals(table.schema):
         found = ", ".join(f"{field.name}: {field.type}" for field in arrow.schema)
-        raise TableError(f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `dvc repro`")
+        raise TableError(
+            f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `dvc repro`"
+        )
     return arrow.to_pylist()
 
 
@@ -259,7 +273,9 @@ def _key_of(row: Mapping[str, Any], table: Table, path: Path) -> tuple[Any, ...]
     try:
         return tuple(row[name] for name in table.key)
     except KeyError as error:
-        raise TableError(f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; mend the stage that made it") from None
+        raise TableError(
+            f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; mend the stage that made it"
+        ) from None
 
 
 def _describe_key(row: Mapping[str, Any], table: Table) -> str:

@@ -27,7 +27,9 @@ def main(iteration: int, rung: str, trained: Path, out: Path) -> None:
     tables.write(out / "survivors.parquet", tables.SURVIVORS, survivor_rows(kept, iteration, rung))
     rows = [row for row in pool.candidates if row["candidate_id"] in names]
     write_pool(out, rows, pool.curves, {row["policy"]: pool.policy(row) for row in rows})
-    say(f"iteration {iteration} rung {rung}: {len(kept)} of {len(ranked)} survive, best {kept[0].candidate_id} with fitness {kept[0].fitness:.3f}")
+    say(
+        f"iteration {iteration} rung {rung}: {len(kept)} of {len(ranked)} survive, best {kept[0].candidate_id} with fitness {kept[0].fitness:.3f}"
+    )
 
 
 if __name__ == "__main__":

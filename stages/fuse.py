@@ -30,8 +30,14 @@ def main(iteration: int, pool: Path, out: Path) -> None:
     write_checkpoint(policy_file(out, "random"), random)
     write_checkpoint(policy_file(out, "fused"), policy_checkpoint(fuse(best, random.policy(), params.candidate.alpha)))
     tables.write(out / "winner.parquet", tables.CANDIDATES, [winner])
-    tables.write(out / "feedback.parquet", tables.FEEDBACK, feedback_rows(last.curves, winner["candidate_id"], params.fuse.points))
-    say(f"iteration {iteration}: {winner['candidate_id']} wins with beta = {winner['beta']:g}, alpha = {winner['alpha']:g}")
+    tables.write(
+        out / "feedback.parquet",
+        tables.FEEDBACK,
+        feedback_rows(last.curves, winner["candidate_id"], params.fuse.points),
+    )
+    say(
+        f"iteration {iteration}: {winner['candidate_id']} wins with beta = {winner['beta']:g}, alpha = {winner['alpha']:g}"
+    )
 
 
 if __name__ == "__main__":

@@ -32,7 +32,9 @@ def main(iteration: int, pool: Path, start: Path, prompts: Path, cache: Path, ou
     kept = {row["policy"]: entering.policy(row) for row in entering.candidates}
     write_pool(out, [*entering.candidates, *swarm.mutants], entering.curves, kept)
     write_starts(swarm.mutants, start, lambda stem: policy_file(out, stem))
-    say(f"iteration {iteration}: {len(swarm.mutants)} mutants, {kind} = {', '.join(f'{row[kind]:g}' for row in swarm.mutants)}")
+    say(
+        f"iteration {iteration}: {len(swarm.mutants)} mutants, {kind} = {', '.join(f'{row[kind]:g}' for row in swarm.mutants)}"
+    )
 
 
 if __name__ == "__main__":

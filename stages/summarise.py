@@ -17,7 +17,9 @@ def main(run: Path, results: Path, metrics: Path, plots: Path) -> None:
     """Writes the tables over all iterations, the metrics, and the data of the plots."""
     params = begin()
     for row in write_summary(read_run(run, params), params, results, metrics, plots):
-        say(f"iteration {row['iteration']}: MTS {row['mts']:.3f}, winner {row['winner_id']} with fitness {row['fitness']:.3f}")
+        say(
+            f"iteration {row['iteration']}: MTS {row['mts']:.3f}, winner {row['winner_id']} with fitness {row['fitness']:.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -29,12 +29,20 @@ def main(iteration: int, start: Path, generated: Path, prompts: Path, cache: Pat
     with checker(params) as check:
         checked = checked_functions(attempts, check, brief, params, iteration, cache)
     tried = checked.attempts
-    tables.write(out / "replies.parquet", tables.REPLIES, [reply_row(iteration, a.kind, a.slot, a.number, a.reply) for a, _ in tried])
-    tables.write(out / "verdicts.parquet", tables.VERDICTS, [verdict_row(iteration, a, verdict) for a, verdict in tried])
+    tables.write(
+        out / "replies.parquet",
+        tables.REPLIES,
+        [reply_row(iteration, a.kind, a.slot, a.number, a.reply) for a, _ in tried],
+    )
+    tables.write(
+        out / "verdicts.parquet", tables.VERDICTS, [verdict_row(iteration, a, verdict) for a, verdict in tried]
+    )
     candidates = first_pool(checked.functions, brief.winner, params, iteration)
     write_pool(out, candidates, [], {"fused": policy_file(start, "fused")})
     valid = sum(verdict.passed for _, verdict in tried)
-    say(f"iteration {iteration}: {valid} of {len(tried)} replies ran, {len(tried) - len(attempts)} of them asked for again")
+    say(
+        f"iteration {iteration}: {valid} of {len(tried)} replies ran, {len(tried) - len(attempts)} of them asked for again"
+    )
 
 
 if __name__ == "__main__":

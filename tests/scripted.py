@@ -4,7 +4,7 @@ import hashlib
 import json
 from pathlib import Path
 
-REWARD = '''Closeness and an upright pose.
+REWARD = """Closeness and an upright pose.
 ```python
 def compute_reward(root_positions: torch.Tensor, target_root_positions: torch.Tensor, root_quats: torch.Tensor, root_linvels: torch.Tensor):
     temperature: float = {temperature}
@@ -14,13 +14,13 @@ def compute_reward(root_positions: torch.Tensor, target_root_positions: torch.Te
     calm = -{calm} * torch.norm(root_linvels, dim=-1)
     total = closeness + 0.2 * closeness * upright + calm
     return total, {{"closeness": closeness, "upright": upright, "calm": calm}}
-```'''
-MAPPING = '''```python
+```"""
+MAPPING = """```python
 def mapping_function(self):
     distance = self.dist(self.root_positions, self.target_root_positions)
     height = self.root_positions[:, 2]
     return [distance, height][:{count}], [False, True][:{count}], ["distance", "height"][:{count}]
-```'''
+```"""
 BROKEN = "```python\ndef compute_reward(velocity: torch.Tensor):\n    return velocity, {}\n```"
 
 

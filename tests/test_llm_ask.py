@@ -103,6 +103,7 @@ def test_miss_counts_all_and_names_the_first(store: Store) -> None:
     assert "found none for 7" in text
     assert f"{request(sample=0).key} (generate, iteration 1, reward 1)" in text
     assert "and 2 more" in text
+    assert text.count("(generate, iteration 1, reward") == 5
     assert request(sample=1).key not in text.split("nearest")[0]
     assert "\n" not in text
 

@@ -11,6 +11,7 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner, Result
 
+from porse.cli import main
 from porse.errors import RepliesPending
 from porse.llm.ask import ask
 from porse.llm.cli import llm
@@ -38,7 +39,7 @@ def server() -> Iterator[ChatServer]:
 
 
 def run(*arguments: str, code: int = 0) -> Result:
-    result = CliRunner().invoke(llm, list(arguments))
+    result = CliRunner().invoke(main, ["llm", *arguments])
     assert result.exit_code == code, result.output
     return result
 

@@ -161,7 +161,12 @@ def test_sampled_points_are_evenly_spaced_and_end_at_the_last_epoch():
 
 
 def test_feedback_shows_fitness_components_and_progress_with_their_extremes():
-    rows = [*curve("a", [1.0, 3.0]), *curve("a", [0.5, 0.7], "component/c"), *curve("a", [1, 1], "goal"), *curve("b", [9])]
+    rows = [
+        *curve("a", [1.0, 3.0]),
+        *curve("a", [0.5, 0.7], "component/c"),
+        *curve("a", [1, 1], "goal"),
+        *curve("b", [9]),
+    ]
     assert [series.name for series in shown_series(rows, "a")] == ["fitness", "component/c"]
     first = feedback_rows(rows, "a", 1)[0]
     assert first == {"series": "fitness", "epoch": 2, "value": 3.0, "maximum": 3.0, "mean": 2.0, "minimum": 1.0}

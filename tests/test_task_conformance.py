@@ -15,20 +15,27 @@ from porse.tasks.base import Task
 
 ENVS = 4
 NAMES = sorted(TASKS)
+FIXED_STARTS = {
+    "BlockStack", "BottleCap", "DoorCloseInward", "DoorCloseOutward", "DoorOpenInward", "DoorOpenOutward",
+    "GraspAndPlace", "Kettle", "LiftUnderarm", "Pen", "PushBlock", "Scissors", "SwingCup", "Switch", "SwitchReachable",
+}  # fmt: skip
+"""Tasks whose originals start every episode in one state."""
 
 CONTINUE = """
 import sys
+from pathlib import Path
 import torch
 from safetensors.torch import load_file, save_file
-from porse.tasks import make_task
-name, source, target = sys.argv[1:]
-task = make_task(name, 4, seed=99)
-task.load_state(load_file(source))
-generator = torch.Generator().manual_seed(5)
-for _ in range(50):
-    task.step(torch.rand(4, task.NUM_ACTIONS, generator=generator) * 2 - 1)
-    task.reset(task.terminated() | task.timed_out())
-save_file(task.state() | {"observations": task.observations()}, target)
+from porse.tasks import TASKS, make_task
+folder = Path(sys.argv[1])
+for name in sorted(TASKS):
+    task = make_task(name, 4, seed=99)
+    task.load_state(load_file(folder / f"{name}-saved.safetensors"))
+    generator = torch.Generator().manual_seed(5)
+    for _ in range(50):
+        task.step(torch.rand(4, task.NUM_ACTIONS, generator=generator) * 2 - 1)
+        task.reset(task.terminated() | task.timed_out())
+    save_file(task.state() | {"observations": task.observations()}, folder / f"{name}-continued.safetensors")
 """
 
 
@@ -72,7 +79,7 @@ def test_shapes_types_and_finiteness(name: str) -> None:
 def test_the_same_seed_gives_the_same_trajectory_at_any_thread_count(name: str) -> None:
     """One thread and two: the same bits after 30 steps; another seed: other starts."""
     one, two, other = (make_task(name, ENVS, seed=seed, threads=threads) for seed, threads in ((7, 1), (7, 2), (8, 1)))
-    assert not torch.equal(one.state()["physics"], other.state()["physics"])
+    assert torch.equal(one.state()["physics"], other.state()["physics"]) is (name in FIXED_STARTS)
     play(one, 30, seed=3)
     play(two, 30, seed=3)
     for key, value in one.state().items():
@@ -80,18 +87,27 @@ def test_the_same_seed_gives_the_same_trajectory_at_any_thread_count(name: str) 
     assert torch.equal(one.observations(), two.observations())
 
 
+@pytest.fixture(scope="module")
+def continued(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns a folder with a state of every task after 10 steps, and where a new process took it in 50 more."""
+    folder = tmp_path_factory.mktemp("states")
+    for name in NAMES:
+        task = make_task(name, ENVS, seed=4)
+        play(task, 10, seed=4)
+        save_file(task.state(), folder / f"{name}-saved.safetensors")
+    subprocess.run([sys.executable, "-c", CONTINUE, str(folder)], check=True, cwd=Path(__file__).parent.parent)
+    return folder
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_a_state_continues_exactly_in_a_new_process(name: str, tmp_path: Path) -> None:
-    """Fifty steps after a save: this process and a new one end with the same bits."""
+def test_a_state_continues_exactly_in_a_new_process(name: str, continued: Path) -> None:
+    """Fifty steps after a save: this process, which did not stop, and the new one end with the same bits."""
     task = make_task(name, ENVS, seed=4)
     play(task, 10, seed=4)
-    save_file(task.state(), tmp_path / "saved.safetensors")
-    arguments = [name, str(tmp_path / "saved.safetensors"), str(tmp_path / "continued.safetensors")]
-    subprocess.run([sys.executable, "-c", CONTINUE, *arguments], check=True)
     play(task, 50, seed=5)
-    continued = load_file(tmp_path / "continued.safetensors")
+    found = load_file(continued / f"{name}-continued.safetensors")
     for key, value in (task.state() | {"observations": task.observations()}).items():
-        assert torch.equal(value, continued[key]), key
+        assert torch.equal(value, found[key]), key
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -11,7 +11,9 @@ from typing import Any
 
 from porse.code.graph import nodes
 
-_FRESH = frozenset(("prim::Constant", "prim::NumToTensor", "prim::Uninitialized", "prim::Print", "prim::RaiseException"))
+_FRESH = frozenset(
+    ("prim::Constant", "prim::NumToTensor", "prim::Uninitialized", "prim::Print", "prim::RaiseException")
+)
 _FILLS = frozenset(("aten::append", "aten::extend", "aten::_set_item", "aten::update"))
 _UNMARKED = frozenset(("aten::einsum", "aten::atleast_1d", "aten::broadcast_tensors", "aten::type_as"))
 """Operators that may return their input although their schema does not say so."""

@@ -35,7 +35,7 @@ _CALLS = {
 class _Program(ctypes.Structure):
     """The kernel's struct sock_fprog."""
 
-    _fields_ = [("length", ctypes.c_ushort), ("filter", ctypes.c_char_p)]  # noqa: RUF012 (ctypes reads this name)
+    _fields_ = [("length", ctypes.c_ushort), ("filter", ctypes.c_char_p)]
 
 
 def seal() -> None:
@@ -65,8 +65,10 @@ def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
     os.closerange(keep + 1, 65536)
     for kind, value in pairs.items():
         hard = resource.getrlimit(kind)[1]
-        value = value if hard == resource.RLIM_INFINITY else min(value, hard)
-        resource.setrlimit(kind, (value, value))
+        soft = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        # One second of processor time past the limit is left, so that the process ends with a signal of its own.
+        more = soft + (kind == resource.RLIMIT_CPU)
+        resource.setrlimit(kind, (soft, more if hard == resource.RLIM_INFINITY else min(more, hard)))
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
     return "filtered" if _filter_calls() else "limited"
 

@@ -7,13 +7,22 @@ from typing import Literal
 
 Kind = Literal["reward", "mapping"]
 
+
+def words(text: str) -> frozenset[str]:
+    """Returns the words of a text: how the long lists here and elsewhere are written."""
+    return frozenset(text.split())
+
+
 FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
     "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),
     "mapping": ("mapping_function", "compute_mapping", "mapping", "progress_function", "compute_progress"),
 }
 """Names under which a function is looked for, the first is the one that prompts ask for."""
 
-NAME_PATTERN: dict[Kind, str] = {"reward": r"(compute|calculate|get)_\w*reward\w*", "mapping": r"\w*(mapping|progress)_\w+"}
+NAME_PATTERN: dict[Kind, str] = {
+    "reward": r"(compute|calculate|get)_\w*reward\w*",
+    "mapping": r"\w*(mapping|progress)_\w+",
+}
 """Names that are accepted when none of `FUNCTION_NAMES` is there."""
 
 SIGNATURES: dict[Kind, str] = {
@@ -21,12 +30,10 @@ SIGNATURES: dict[Kind, str] = {
         "def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor)"
         " -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:\n"
         "    ...\n"
-        "    return total_reward, {\"component_name\": component, ...}"
+        '    return total_reward, {"component_name": component, ...}'
     ),
     "mapping": (
-        "def mapping_function(self):\n"
-        "    ...\n"
-        "    return [variable, ...], [True, ...], [\"variable_name\", ...]"
+        'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
     ),
 }
 
@@ -50,17 +57,20 @@ MAX_INTEGER = 10_000_000
 """Largest integer literal."""
 MAX_LOOP = 1_000
 """Largest count of a `range` that is written as a number."""
+MAX_ROUNDS = 100_000
+"""Most rounds of nested loops."""
+MAX_ELEMENTS = 10_000_000
+"""Most numbers of a tensor whose size is written in the code."""
 MAX_NAME_CHARACTERS = 64
 """Names of components and progress variables are cut to this length."""
 
-BUILTINS = frozenset("abs bool enumerate float int len max min range round sum zip isinstance print".split())
+BUILTINS = words("abs bool enumerate float int len max min range round sum zip isinstance print")
 
-TORCH_CONSTANTS = frozenset(
-    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor device".split()
+TORCH_CONSTANTS = words(
+    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor device"
 )
 
-TORCH_FUNCTIONS = frozenset(
-    """
+TORCH_FUNCTIONS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
     arctanh argmax argmin as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not bitwise_or
     bmm broadcast_tensors cat ceil chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate cos
@@ -73,29 +83,25 @@ TORCH_FUNCTIONS = frozenset(
     round rsqrt select sgn sigmoid sign sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub
     subtract sum swapaxes t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
     unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
-    """.split()  # noqa: SIM905
-)
+    """)
 
 TORCH_MODULES: dict[str, frozenset[str]] = {
-    "linalg": frozenset("cross multi_dot norm vecdot vector_norm".split()),
-    "special": frozenset("erf exp2 expit expm1 log1p logit logsumexp sinc softmax xlogy".split()),
-    "nn.functional": frozenset(
-        """
+    "linalg": words("cross multi_dot norm vecdot vector_norm"),
+    "special": words("erf exp2 expit expm1 log1p logit logsumexp sinc softmax xlogy"),
+    "nn.functional": words("""
         celu cosine_similarity elu gelu hardsigmoid hardtanh huber_loss l1_loss leaky_relu logsigmoid mish mse_loss
         normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
         threshold
-        """.split()  # noqa: SIM905
-    ),
+        """),
     "jit": frozenset(["annotate"]),
 }
 
-MATH_NAMES = frozenset(
+MATH_NAMES = words(
     "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor hypot inf isfinite isinf isnan log log10 log1p log2 "
-    "nan pi pow radians sin sinh sqrt tan tanh tau".split()
+    "nan pi pow radians sin sinh sqrt tan tanh tau"
 )
 
-METHODS = frozenset(
-    """
+METHODS = words("""
     abs acos add addcdiv addcmul all amax amin any argmax argmin asin atan atan2 bmm bool ceil chunk clamp clamp_max
     clamp_min clip clone contiguous cos cosh cross cumprod cumsum deg2rad detach dim div divide dot double eq erf exp
     exp2 expand expand_as expm1 flatten flip float floor floor_divide fmax fmin fmod frac gather ge gt half index_select
@@ -108,11 +114,10 @@ METHODS = frozenset(
     new_full new_ones new_tensor new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
     append extend copy items keys values get update format
-    """.split()  # noqa: SIM905
-)
+    """)
 """Methods of tensors, lists, dictionaries and strings."""
 
-ATTRIBUTES = frozenset("T mT device dtype ndim requires_grad shape values indices".split())
+ATTRIBUTES = words("T mT device dtype ndim requires_grad shape values indices")
 
 MODULES = frozenset(["torch", "math", "typing", "numpy", "__future__", "isaacgym", "isaacgymenvs"])
 """Modules whose import lines are accepted. No import is ever executed."""

@@ -21,6 +21,7 @@ from porse.code.contract import (
     MODULES,
     NAME_PATTERN,
     Kind,
+    words,
 )
 from porse.code.scan import Chunk, chunks, parse_source
 from porse.code.verdict import CodeError
@@ -29,8 +30,14 @@ _DECORATORS = re.compile(
     r"@\s*(torch\.jit\.(script|script_if_tracing|export|_script_if_tracing)|torch\.(no_grad|inference_mode)(\(\s*\))?|"
     r"jit\.script|script|staticmethod|classmethod)\s*(#.*)?"
 )
-_USUAL_IMPORTS = {("torch", "torch"), ("math", "math"), ("torch.nn.functional", "F"), ("torch.nn", "nn"), ("numpy", "np")}
-_FORBIDDEN = frozenset("exec eval open compile __import__ globals locals vars getattr setattr delattr input breakpoint".split())
+_USUAL_IMPORTS = {
+    ("torch", "torch"),
+    ("math", "math"),
+    ("torch.nn.functional", "F"),
+    ("torch.nn", "nn"),
+    ("numpy", "np"),
+}
+_FORBIDDEN = words("exec eval open compile __import__ globals locals vars getattr setattr delattr input breakpoint")
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,9 @@ def _clean_lines(reply: str) -> list[str]:
     for number, line in enumerate(lines, start=1):
         bad = next((c for c in line if c != "\t" and not c.isprintable()), None)
         if bad is not None and re.match(r"\s", line[:1] or " "):
-            raise CodeError("extract", f"line {number} holds the invisible character U+{ord(bad):04X}; write plain text", number)
+            raise CodeError(
+                "extract", f"line {number} holds the invisible character U+{ord(bad):04X}; write plain text", number
+            )
     return lines
 
 
@@ -115,7 +124,9 @@ def _choose(functions: list[_Function], kind: Kind) -> _Function:
     lone = [
         f
         for f in functions
-        if f.chunk.name not in called and f.chunk.name not in foreign and f.chunk.name not in HELPERS
+        if f.chunk.name not in called
+        and f.chunk.name not in foreign
+        and f.chunk.name not in HELPERS
         and not re.fullmatch(NAME_PATTERN[other], f.chunk.name)
     ]
     groups = [named, alike, lone if len(lone) == 1 else []]
@@ -127,9 +138,14 @@ def _choose(functions: list[_Function], kind: Kind) -> _Function:
     wanted = FUNCTION_NAMES[kind][0]
     if broken is None:
         found = ", ".join(dict.fromkeys(f.chunk.name for f in functions)) or "no function at all"
-        raise CodeError("extract", f"expected a function named {wanted} in the reply, found {found}; write def {wanted}(...) in one code block")
+        raise CodeError(
+            "extract",
+            f"expected a function named {wanted} in the reply, found {found}; write def {wanted}(...) in one code block",
+        )
     if broken.tree is None:
-        raise CodeError("syntax", f"the function {broken.chunk.name} is not valid Python: {broken.error}", broken.error_line)
+        raise CodeError(
+            "syntax", f"the function {broken.chunk.name} is not valid Python: {broken.error}", broken.error_line
+        )
     raise CodeError("return", f"the function {broken.chunk.name} returns nothing", broken.chunk.lines[0])
 
 
@@ -202,7 +218,9 @@ def _refuse_hostile(main: _Function, outside: _Outside) -> None:
             raise CodeError("static", f"the decorator {text.strip()} is not allowed; the function needs none", number)
     for number, text, node in outside.imports:
         if any(name.split(".")[0] not in MODULES for name in _modules(node)):
-            raise CodeError("static", f"the import line {text!r} is not allowed; only torch, math and typing are offered", number)
+            raise CodeError(
+                "static", f"the import line {text!r} is not allowed; only torch, math and typing are offered", number
+            )
     for number, name in outside.hostile:
         raise CodeError("static", f"the name {name} is not allowed anywhere in the code", number)
 
@@ -215,7 +233,7 @@ def _assemble(main: _Function, functions: list[_Function], outside: _Outside) ->
     queue = [main]
     while queue:
         tree = queue.pop().tree
-        assert tree is not None  # noqa: S101 (chosen and looked-up functions have parsed)
+        assert tree is not None  # chosen and looked-up functions have parsed
         for name in _names(tree):
             names.add(name)
             helper = by_name.get(name)
@@ -228,8 +246,10 @@ def _assemble(main: _Function, functions: list[_Function], outside: _Outside) ->
             a.asname and (a.name, a.asname) not in _USUAL_IMPORTS and a.asname in names for a in node.names
         )
         chosen = isinstance(node, ast.ImportFrom) and any(
-            (a.asname or a.name) in names and (f"{node.module}.{a.name}", a.asname or a.name) not in _USUAL_IMPORTS
-            and (node.module or "").split(".")[0] in ("torch", "math", "numpy") and a.name != "Tensor"
+            (a.asname or a.name) in names
+            and (f"{node.module}.{a.name}", a.asname or a.name) not in _USUAL_IMPORTS
+            and (node.module or "").split(".")[0] in ("torch", "math", "numpy")
+            and a.name != "Tensor"
             for a in node.names
         )
         if unusual or chosen:
@@ -243,6 +263,8 @@ def _assemble(main: _Function, functions: list[_Function], outside: _Outside) ->
             parts.append((function.chunk.lines[0], ""))
         parts.extend(zip(function.chunk.lines, function.chunk.text, strict=True))
     if len(parts) > MAX_SOURCE_LINES:
-        raise CodeError("extract", f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}", parts[0][0])
+        raise CodeError(
+            "extract", f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}", parts[0][0]
+        )
     source = "\n".join(text for _, text in parts) + "\n"
     return Extracted(textwrap.dedent(source), tuple(number for number, _ in parts), main.chunk.name)

@@ -25,9 +25,15 @@ def hoist(function: ast.FunctionDef) -> list[ast.FunctionDef]:
             for called in _read(f) & set(inner):
                 captures[name] = sorted({*captures[name], *captures[called]} - _bound(f))
     for name, f in inner.items():
-        if any(isinstance(n, ast.FunctionDef | ast.Lambda) for n in ast.walk(f) if n is not f):
-            raise CodeError("static", "functions are nested too deeply; put them beside the function", f.lineno)
-        own = [ast.arg(arg=c, annotation=_annotation(c, function), lineno=f.lineno, col_offset=0) for c in captures[name]]
+        if f.decorator_list or any(isinstance(n, ast.FunctionDef | ast.Lambda) for n in ast.walk(f) if n is not f):
+            raise CodeError(
+                "static",
+                "an inner function has a decorator or a function in it; put them beside the function",
+                f.lineno,
+            )
+        own = [
+            ast.arg(arg=c, annotation=_annotation(c, function), lineno=f.lineno, col_offset=0) for c in captures[name]
+        ]
         reads_self = any(isinstance(n, ast.Name) and n.id == "self" for n in ast.walk(f))
         first = [ast.arg(arg="self", lineno=f.lineno, col_offset=0)] if reads_self and "self" not in _bound(f) else []
         f.args.args = [*first, *own, *f.args.args]
@@ -38,9 +44,8 @@ def hoist(function: ast.FunctionDef) -> list[ast.FunctionDef]:
 
 def _take(function: ast.FunctionDef) -> Iterator[ast.FunctionDef]:
     """Removes inner functions and named lambdas from a body and yields them."""
-    for node in [n for n in ast.walk(function) if hasattr(n, "body") and isinstance(n.body, list)]:
-        if node is not function and isinstance(node, ast.FunctionDef):
-            continue
+    for node in [n for n in ast.walk(function) if isinstance(n, ast.If | ast.For | ast.With) or n is function]:
+        assert isinstance(node, ast.If | ast.For | ast.With | ast.FunctionDef)
         kept: list[ast.stmt] = []
         for statement in node.body:
             if isinstance(statement, ast.FunctionDef):
@@ -62,9 +67,10 @@ def _is_named_lambda(node: ast.stmt) -> bool:
 
 
 def _function_of(node: ast.stmt) -> ast.FunctionDef:
-    assert isinstance(node, ast.Assign) and isinstance(node.value, ast.Lambda)  # noqa: S101, PT018
+    assert isinstance(node, ast.Assign)
+    assert isinstance(node.value, ast.Lambda)
     target = node.targets[0]
-    assert isinstance(target, ast.Name)  # noqa: S101
+    assert isinstance(target, ast.Name)
     body = ast.copy_location(ast.Return(value=node.value.body), node)
     function = ast.FunctionDef(name=target.id, args=node.value.args, body=[body], decorator_list=[], returns=None)
     return ast.copy_location(function, node)
@@ -126,7 +132,7 @@ class _Calls(ast.NodeTransformer):
     def __init__(self, captures: dict[str, list[str]]) -> None:
         self.captures = captures
 
-    def visit_Call(self, node: ast.Call) -> ast.AST:  # noqa: N802 (the name that ast asks for)
+    def visit_Call(self, node: ast.Call) -> ast.AST:
         if isinstance(node.func, ast.Name) and node.func.id in self.captures:
             names = self.captures[node.func.id]
             more = [ast.copy_location(ast.Name(id=name, ctx=ast.Load()), node) for name in names]

@@ -13,6 +13,8 @@ import torch
 
 from porse.code.graph import nodes
 
+_ONE = torch.tensor(1.0)
+
 
 def make_portable(graph: Any) -> None:
     """Replaces, in place, every operator on tensors that is not portable."""
@@ -50,25 +52,26 @@ class _Builder:
 
 def _sqrt(to: _Builder, x: Any) -> Any:
     """Both steps are exactly rounded on every CPU; 0 and infinity go through infinity and 0 and come back."""
-    return to.op("reciprocal", to.op("rsqrt", x))
+    return to.op("reciprocal_", to.op("rsqrt", x))
 
 
-def _cosine_of_asin(to: _Builder, x: Any) -> Any:
-    """Returns sqrt((1 - x)(1 + x)), which keeps its digits near 1 and -1."""
+def _tangent_of_asin(to: _Builder, x: Any) -> Any:
+    """Returns x / sqrt((1 - x)(1 + x)), infinite at 1 and -1; the product keeps its digits there."""
     one = to.constant(1)
-    return _sqrt(to, to.op("mul", to.op("rsub", x, one, one), to.op("add", x, one, one)))
+    below = to.op("rsub", x, one, one)
+    return to.op("mul_", to.op("rsqrt", to.op("addcmul", below, x, below, one)), x)
 
 
 def _acos(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", _cosine_of_asin(to, x), x)
+    return to.op("atan2", to.constant(_ONE), _tangent_of_asin(to, x))
 
 
 def _asin(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", x, _cosine_of_asin(to, x))
+    return to.op("atan2", _tangent_of_asin(to, x), to.constant(_ONE))
 
 
 def _atan(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", x, to.op("ones_like", x, *[to.constant(None)] * 5))
+    return to.op("atan2", x, to.constant(_ONE))
 
 
 def _tan(to: _Builder, x: Any) -> Any:

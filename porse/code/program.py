@@ -70,7 +70,9 @@ def parse_program(source: str) -> Program:
     for function in [*helpers, main]:
         for inner in hoist(function):
             if inner.name in found or inner.name == main.name:
-                raise CodeError("static", f"two functions are named {inner.name}; give each a name of its own", inner.lineno)
+                raise CodeError(
+                    "static", f"two functions are named {inner.name}; give each a name of its own", inner.lineno
+                )
             found[inner.name] = inner
     return Program(main, found, constants, modules)
 

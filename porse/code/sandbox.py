@@ -1,5 +1,6 @@
 """The parent's side of the probe: one child process that loads torch once, and a verdict for each source sent to it."""
 
+import contextlib
 import json
 import os
 import select
@@ -15,11 +16,16 @@ from typing import Any, Self
 
 from porse.code.contract import Kind
 from porse.code.limits import Limits
-from porse.code.verdict import CodeError, Verdict
+from porse.code.verdict import Verdict
+from porse.errors import PorseError
 from porse.numerics import ENVIRONMENT
 from porse.variables import Variable
 
 _MAX_ANSWER = 200_000
+
+
+class ProbeError(PorseError):
+    """The probe process could not start or could not get the states to try functions on."""
 
 
 class Sandbox:
@@ -29,10 +35,16 @@ class Sandbox:
     two pipes. What each function may use is limited in `porse.code.confine`.
     """
 
-    def __init__(self, limits: Limits) -> None:
-        """Starts the child process."""
+    def __init__(self, limits: Limits, module: str = "porse.code.probe") -> None:
+        """Starts the child process.
+
+        Args:
+            limits: what one function may use.
+            module: the program of the child, which calls `porse.code.probe.serve`.
+        """
         self._limits = limits
-        self._loaded: tuple[Path, Sequence[Variable]] | None = None
+        self._module = module
+        self._request: dict[str, Any] | None = None
         self._start()
 
     def _start(self) -> None:
@@ -41,7 +53,7 @@ class Sandbox:
         environment = {**ENVIRONMENT["portable"], "PYTHONPATH": root, "LC_ALL": "C.UTF-8", "HOME": self._folder.name}
         environment |= {"TMPDIR": self._folder.name, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-s", "-m", "porse.code.probe"],
+            [sys.executable, "-P", "-s", "-m", self._module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -63,31 +75,36 @@ class Sandbox:
 
     def close(self) -> None:
         """Ends the child process and all that it started."""
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                try:
+                with contextlib.suppress(BrokenPipeError):
                     pipe.close()
-                except BrokenPipeError:
-                    pass
         self._folder.cleanup()
 
     def load(self, states: Path, variables: Sequence[Variable]) -> None:
-        """Makes the child read real states of the task; waits until it has.
+        """Makes the child read real states of a task from a file; waits until it has.
 
         Raises:
-            CodeError: the child did not start.
+            ProbeError: the child did not start, or cannot read the file.
         """
-        self._loaded = (states, variables)
-        self._send({"states": str(states.resolve()), "variables": [asdict(variable) for variable in variables]})
+        self.prepare({"states": str(states.resolve()), "variables": [asdict(variable) for variable in variables]})
+
+    def prepare(self, request: dict[str, Any]) -> list[Variable]:
+        """Makes the child get its states as its program does, and returns the variables that they are of.
+
+        Raises:
+            ProbeError: it could not.
+        """
+        self._request = request
+        self._send(request)
         answer = self._receive(self._limits.startup_s)
         if answer.get("ready") is not True:
-            problem = answer.get("error") or "it ended or did not answer"
-            raise CodeError("crash", f"expected the probe process to start and read the states, found: {problem}")
+            found = answer.get("error") or "the process that tries functions out ended, or did not start in time"
+            raise ProbeError(str(found))
+        return [Variable(**{**v, "shape": tuple(v["shape"])}) for v in answer["variables"]]
 
     def probe(self, source: str, kind: Kind) -> Verdict:
         """Returns the verdict on one source; its line is a line of the source."""
@@ -110,20 +127,18 @@ class Sandbox:
         """Starts a new child in place of one that is of no use any more."""
         self.close()
         self._start()
-        if self._loaded is not None:
-            self.load(*self._loaded)
+        if self._request is not None:
+            self.prepare(self._request)
 
     def _send(self, message: dict[str, Any]) -> None:
-        assert self._process.stdin is not None  # noqa: S101 (opened as a pipe)
-        try:
+        assert self._process.stdin is not None  # it was opened as a pipe
+        with contextlib.suppress(BrokenPipeError):  # a child that has ended is noticed when it does not answer
             self._process.stdin.write(json.dumps(message).encode() + b"\n")
             self._process.stdin.flush()
-        except BrokenPipeError:
-            pass
 
     def _receive(self, timeout_s: float) -> dict[str, Any]:
         """Returns the next line of the child as JSON, {} when there is none in time."""
-        assert self._process.stdout is not None  # noqa: S101 (opened as a pipe)
+        assert self._process.stdout is not None  # it was opened as a pipe
         ready, _, _ = select.select([self._process.stdout], [], [], timeout_s)
         line = self._process.stdout.readline(_MAX_ANSWER) if ready else b""
         try:

@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 from porse.code.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
 from porse.code.verdict import CodeError
@@ -115,24 +116,46 @@ def parse_source(source: str) -> ast.Module:
     Raises:
         CodeError: it is no Python, or too large; check "syntax" with the line of `source`.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = ast.parse(source)
-    except SyntaxError as error:
-        raise CodeError("syntax", f"{error.msg}: {(error.text or '').strip()[:200]}", error.lineno or 1) from None
-    except (ValueError, RecursionError, MemoryError):
-        raise CodeError("syntax", "the code cannot be parsed: it is too deeply nested or holds a null character", 1) from None
-    _bound(tree)
+    tree = _parse(source, "exec", 1)
+    assert isinstance(tree, ast.Module)
     return tree
 
 
-def _bound(tree: ast.Module) -> None:
+def parse_expression(text: str, where: ast.expr) -> ast.expr:
+    """Returns the tree of one expression that stands as text in `where`, every node at the line of `where`.
+
+    Raises:
+        CodeError: it is no expression; check "syntax".
+    """
+    tree = _parse(text, "eval", where.lineno)
+    assert isinstance(tree, ast.Expression)
+    for part in ast.walk(tree):
+        if isinstance(part, ast.expr):
+            ast.copy_location(part, where)
+    return tree.body
+
+
+def _parse(text: str, mode: Literal["exec", "eval"], line: int) -> ast.AST:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree: ast.AST = ast.parse(text, mode=mode)
+    except SyntaxError as error:
+        message = f"{error.msg}: {(error.text or '').strip()[:200]}"
+        raise CodeError("syntax", message, (error.lineno or 1) + line - 1) from None
+    except (ValueError, RecursionError, MemoryError):
+        raise CodeError("syntax", "it is too deeply nested, or holds a null character", line) from None
+    _bound(tree, line)
+    return tree
+
+
+def _bound(tree: ast.AST, line: int) -> None:
     """Refuses a tree that is too large or too deep, without recursion."""
-    count, level = 0, [(tree, 0)]
+    count = 0
+    level: list[tuple[ast.AST, int]] = [(tree, 0)]
     while level:
         node, depth = level.pop()
         count += 1
         if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
-            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
+            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", line))
         level.extend((child, depth + 1) for child in ast.iter_child_nodes(node))

@@ -32,9 +32,9 @@ def try_function(source: str, kind: Kind, variables: Sequence[Variable], values:
     """
     compiler = compile_reward if kind == "reward" else compile_mapping
     try:
-        plain, portable = (compiler(source, variables, form) for form in (False, True))
+        plain = compiler(source, variables, False)
         with torch.inference_mode():
-            names, rises = _check_runs(portable, values)
+            names, rises = _check_runs(plain.portable(), values)
             _outputs(plain, values)
     except CodeError as error:
         return Verdict(False, error.check, str(error), error.line)
@@ -46,17 +46,21 @@ def try_function(source: str, kind: Kind, variables: Sequence[Variable], values:
 def _check_runs(function: Compiled, values: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     """Returns names and directions after all runs."""
     if not any(isinstance(values[name], Tensor) for name in function.arguments):
-        raise CodeError("constant", "the function reads no state of the task, so its output never changes", function.line)
+        raise CodeError(
+            "constant", "the function reads no state of the task, so its output never changes", function.line
+        )
     given = {n: v.clone() if isinstance(v, Tensor) else v for n, v in values.items() if n in function.arguments}
     outputs, rises = _outputs(function, given)
     _check_inputs(function, given, values)
     for name, output in outputs.items():
         _check_finite(name, output, function, values)
-    for other in ({n: _tiled(n, v) for n, v in given.items()}, given):
+    many = {n: _tiled(n, v) for n, v in given.items()}
+    for other in (many, given):
         again, flags = _outputs(function, other)
         if again.keys() != outputs.keys() or flags != rises:
             raise CodeError("names", "names and directions must be the same in every call", function.line)
     _check_reacts(function, values, outputs)
+    function.run_branches(many)
     return tuple(name for name in outputs if name), rises
 
 
@@ -119,7 +123,9 @@ def _check_reacts(function: Compiled, values: Mapping[str, Any], outputs: Mappin
         suspects = [n for n in suspects if n in found and _constant(found[n])]
     if suspects:
         what = _what(suspects[0], function)
-        raise CodeError("constant", f"{what} is the same number in all states, whatever the variables are", function.line)
+        raise CodeError(
+            "constant", f"{what} is the same number in all states, whatever the variables are", function.line
+        )
 
 
 def _constant(value: Tensor) -> bool:

@@ -17,4 +17,6 @@ def read_brief(task: str, start: Path, prompts: Path) -> Brief:
     found = find_task(task)
     winners = tables.read(start / "winner.parquet", tables.CANDIDATES)
     feedback = tables.read(start / "feedback.parquet", tables.FEEDBACK)
-    return Brief(prompts, found.DESCRIPTION, found.observation_source(), winners[0] if winners else None, feedback)
+    return Brief(
+        prompts, found.DESCRIPTION, found.observation_source().strip(), winners[0] if winners else None, feedback
+    )

@@ -55,11 +55,11 @@ def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) ->
     elites = params.generate.elites if iteration > 1 else 0
     places = [(kind, slot) for kind in KINDS for slot in range(params.generate.candidates - elites)]
     asked = {kind: conversation(brief, kind) for kind in KINDS}
-    questions = [_question(params, asked[kind], slot, Origin("generate", iteration, f"{kind} {slot}")) for kind, slot in places]
-    replies = ask(questions, params.llm, cache)
-    return [
-        Attempt(kind, slot, 0, asked[kind], reply) for (kind, slot), reply in zip(places, replies, strict=True)
+    questions = [
+        _question(params, asked[kind], slot, Origin("generate", iteration, f"{kind} {slot}")) for kind, slot in places
     ]
+    replies = ask(questions, params.llm, cache)
+    return [Attempt(kind, slot, 0, asked[kind], reply) for (kind, slot), reply in zip(places, replies, strict=True)]
 
 
 def restored_attempts(rows: Sequence[Row], brief: Brief) -> list[Attempt]:
@@ -113,9 +113,7 @@ def _next_attempts(
 ) -> list[Attempt]:
     """Asks for a repair of each broken attempt, or for a fresh reply where its repairs are used up."""
     numbers = [attempt.number + 1 for attempt, _ in broken]
-    asked = [
-        _next_messages(attempt, verdict, brief, params, iteration) for attempt, verdict in broken
-    ]
+    asked = [_next_messages(attempt, verdict, brief, params, iteration) for attempt, verdict in broken]
     questions = [
         _question(
             params,
@@ -137,7 +135,9 @@ def _next_messages(
 ) -> tuple[Message, ...]:
     number = attempt.number + 1
     if _generation(number, params) > params.validate.max_fresh:
-        raise SearchError(f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message} Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model")
+        raise SearchError(
+            f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message} Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
+        )
     if number % (params.validate.max_repairs + 1) == 0:
         return conversation(brief, attempt.kind)
     return repair(attempt.asked, attempt.reply.text, verdict, brief.prompts)

@@ -73,7 +73,13 @@ def write_starts(mutants: Sequence[Row], start: Path, target: Callable[[str], Pa
 
 
 def _collect(
-    pool: Pool, best: Row, kind: str, proposed: Sequence[float], values: Sequence[float], params: Params, replies: list[Reply]
+    pool: Pool,
+    best: Row,
+    kind: str,
+    proposed: Sequence[float],
+    values: Sequence[float],
+    params: Params,
+    replies: list[Reply],
 ) -> Swarm:
     taken = {row["candidate_id"] for row in pool.candidates}
     mutants: list[Row] = []

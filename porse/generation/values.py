@@ -67,7 +67,9 @@ def propose(messages: tuple[Message, ...], varied: str, params: Params, iteratio
             return Proposal(parse_values(reply.text, varied, params.mutate.mutants, params.candidate.scale), replies)
         except ValueError as error:
             reason = str(error)
-    raise SearchError(f"expected {params.mutate.mutants} values of {varied} for iteration {iteration}, found none in {len(replies)} replies; the last: {reason}. Raise mutate.max_fresh, or change the prompts or the model")
+    raise SearchError(
+        f"expected {params.mutate.mutants} values of {varied} for iteration {iteration}, found none in {len(replies)} replies; the last: {reason}. Raise mutate.max_fresh, or change the prompts or the model"
+    )
 
 
 def parse_values(text: str, varied: str, count: int, scale: float) -> list[float]:
@@ -95,10 +97,16 @@ def _alpha(item: Any) -> float:
 
 
 def _beta(item: Any, scale: float) -> float:
-    weights = [item.get("goal"), item.get("bonus")] if isinstance(item, dict) else []
-    if not weights or any(isinstance(w, bool) or not isinstance(w, int | float) or w < 0 for w in weights):
-        raise ValueError(f'expected a pair {{"goal": ..., "bonus": ...}} of weights, 0 or more, found {item!r}')
-    goal, bonus = map(float, weights)
+    if not isinstance(item, dict):
+        raise ValueError(f'expected a pair {{"goal": ..., "bonus": ...}}, found {item!r}')
+    goal, bonus = _weight(item, "goal"), _weight(item, "bonus")
     if not 0.0 < goal + bonus < float("inf"):
-        raise ValueError(f"expected weights with a sum above 0, found {item!r}")
+        raise ValueError(f"expected weights with a finite sum above 0, found {item!r}")
     return scale * bonus / (goal + bonus)
+
+
+def _weight(pair: dict[str, Any], name: str) -> float:
+    weight = pair.get(name)
+    if isinstance(weight, bool) or not isinstance(weight, int | float) or not weight >= 0:
+        raise ValueError(f"expected a weight {name}, a number of 0 or more, found {weight!r} in {pair!r}")
+    return float(weight)

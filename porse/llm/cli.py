@@ -1,4 +1,7 @@
-"""`porse llm`: the commands for people who answer, check, read or replace recorded replies."""
+"""`porse llm`: the commands for people who answer, check, read or replace recorded replies.
+
+Errors of the project pass through: the `porse` command prints them as one paragraph.
+"""
 
 import dataclasses
 import difflib
@@ -8,7 +11,7 @@ from typing import IO
 import click
 
 from porse.config import LlmParams, load_params
-from porse.errors import ParamsError, PorseError, TableError
+from porse.errors import ParamsError, TableError
 from porse.llm.batch import answer_lines, answer_text, export_lines, import_answers
 from porse.llm.ledger import total_spending
 from porse.llm.pending import load_pending, remove_pending
@@ -30,18 +33,7 @@ CACHE = click.option(
 )
 
 
-class Commands(click.Group):
-    """A group whose commands end with one paragraph and exit code 1 on every error that the project raises."""
-
-    def invoke(self, ctx: click.Context) -> object:
-        """Runs the command that was asked for."""
-        try:
-            return super().invoke(ctx)
-        except PorseError as error:
-            raise click.ClickException(str(error)) from error
-
-
-@click.group(cls=Commands)
+@click.group()
 def llm() -> None:
     """Recorded model replies: answer, check, read and replace them."""
 

@@ -27,7 +27,7 @@ class RowRefusedError(Exception):
     """A row is not plain text: the database is damaged, or somebody else wrote to it."""
 
 
-class TextDisk(diskcache.Disk):
+class TextDisk(diskcache.Disk):  # diskcache has no types
     """Stores text keys and text values in the database and nothing else anywhere."""
 
     def put(self, key: Any) -> Any:

@@ -105,7 +105,8 @@ def metrics(run: Run, iterations: Sequence[Row], params: Params) -> dict[str, An
             "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
         },
         "by_iteration": {
-            str(row["iteration"]): {name: row[name] for name in ("mts", "fitness", "beta", "alpha")} for row in iterations
+            str(row["iteration"]): {name: row[name] for name in ("mts", "fitness", "beta", "alpha")}
+            for row in iterations
         },
     }
 

@@ -52,7 +52,9 @@ def survivors(ranked: Sequence[Score], keep: int, where: str) -> list[Score]:
     """
     alive = [entry for entry in ranked if not entry.failed]
     if not alive:
-        raise SearchError(f"expected a candidate whose training did not fail at {where}, found none among {len(ranked)}; read the column failure of the candidates table there, then change the prompts or the model")
+        raise SearchError(
+            f"expected a candidate whose training did not fail at {where}, found none among {len(ranked)}; read the column failure of the candidates table there, then change the prompts or the model"
+        )
     return alive[:keep]
 
 

@@ -23,9 +23,7 @@ def fuse(best: Policy, random: Policy, alpha: float) -> dict[str, NDArray[np.gen
     return {name: _fuse_array(name, best[name], random[name], alpha) for name in sorted(best)}
 
 
-def _fuse_array(
-    name: str, best: NDArray[np.generic], random: NDArray[np.generic], alpha: float
-) -> NDArray[np.generic]:
+def _fuse_array(name: str, best: NDArray[np.generic], random: NDArray[np.generic], alpha: float) -> NDArray[np.generic]:
     if INHERITED in name:
         return best.copy()
     share = np.float32(alpha)

@@ -14,7 +14,12 @@ _DIGITS = 6
 
 
 def swarm_step(
-    proposed: Sequence[float], survivor: float, memory: float, bounds: tuple[float, float], params: MutateParams, seed: int
+    proposed: Sequence[float],
+    survivor: float,
+    memory: float,
+    bounds: tuple[float, float],
+    params: MutateParams,
+    seed: int,
 ) -> list[float]:
     """Returns the values after one particle-swarm step (Kennedy and Eberhart, 1995), inside `bounds`.
 

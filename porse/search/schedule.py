@@ -44,7 +44,9 @@ def find_rung(rungs: Sequence[Rung], name: str) -> Rung:
     for rung in rungs:
         if str(rung.rung) == name:
             return rung
-    raise ParamsError(f"expected a rung of params.yaml ({', '.join(str(rung.rung) for rung in rungs)}), found {name!r}; change the stage's --rung")
+    raise ParamsError(
+        f"expected a rung of params.yaml ({', '.join(str(rung.rung) for rung in rungs)}), found {name!r}; change the stage's --rung"
+    )
 
 
 def work(params: Params) -> list[Work]:
@@ -59,15 +61,26 @@ def work(params: Params) -> list[Work]:
     done: list[Work] = []
     for rung in params.rungs:
         if rung.pool == "mutate":
-            _require(params.mutate.pool in pools, f"mutate.pool to be the elimination of an earlier rung, found {params.mutate.pool!r}")
+            _require(
+                params.mutate.pool in pools,
+                f"mutate.pool to be the elimination of an earlier rung, found {params.mutate.pool!r}",
+            )
             pools["mutate"] = pools[params.mutate.pool] + [0] * params.mutate.mutants
-        _require(rung.pool in pools, f"the pool of rung {rung.rung} to be one of {', '.join(pools)}, found {rung.pool!r}")
+        _require(
+            rung.pool in pools, f"the pool of rung {rung.rung} to be one of {', '.join(pools)}, found {rung.pool!r}"
+        )
         ages = pools[rung.pool]
-        _require(rung.keep <= len(ages), f"rung {rung.rung} to keep at most its {len(ages)} candidates, found keep: {rung.keep}")
+        _require(
+            rung.keep <= len(ages),
+            f"rung {rung.rung} to keep at most its {len(ages)} candidates, found keep: {rung.keep}",
+        )
         epochs = [max(0, rung.until - age) * params.train.rung_epochs for age in ages]
         done.append(Work(str(rung.rung), sum(1 for count in epochs if count), sum(epochs)))
         pools[f"eliminate-{rung.rung}"] = [rung.until] * rung.keep
-    _require(len(pools.get(params.fuse.pool, [])) == 1, f"fuse.pool to be an elimination that keeps one candidate, found {params.fuse.pool!r}")
+    _require(
+        len(pools.get(params.fuse.pool, [])) == 1,
+        f"fuse.pool to be an elimination that keeps one candidate, found {params.fuse.pool!r}",
+    )
     return done
 
 

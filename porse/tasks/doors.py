@@ -1,7 +1,8 @@
 """The base of the four door tasks: a double door in a fixed frame, and two hands that reach for its handles.
 
 The separation of the handles along y says how far the door is open: 0.067 m closed, 0.77 to 0.93 m wide open. The hinges
-have a little friction; gravity does not act on the panels, as in the original.
+have a little friction; gravity does not act on the panels, as in the original. Departure: open panels start at rest;
+the original starts them at 1.57 rad/s into their stops, and MuJoCo's stops would give that speed back.
 """
 
 import math
@@ -36,7 +37,7 @@ WIDE_HANDS = (
 def _add_panel(frame: mujoco.MjsBody, name: str, origin: objects.Vector, axis: objects.Vector, toward: int) -> None:
     """Adds a panel, 0.42 m wide toward +x or -x of its hinge, with a handle bar on each face."""
     panel = frame.add_body(name=name, pos=origin, gravcomp=1.0)
-    objects.add_hinge(panel, f"{name}_hinge", axis, (0.0, math.pi / 2), damping=0.1, friction=0.05)
+    objects.add_hinge(panel, f"{name}_hinge", axis, (0.0, math.pi / 2), damping=0.5, friction=0.2)
     near, far = sorted((-0.005 * toward, 0.42 * toward))
     objects.add_box(panel, name, (near, -0.927, -0.02), (far, -0.002, 0.02), PANEL_MASS, FRICTION)
     x = 0.39 * toward

@@ -125,6 +125,7 @@ class TwoHandTask(SuccessTask):
         """Returns the hands above a floor, with the task's objects."""
         spec = mujoco.MjSpec()
         spec.modelname = cls.NAME
+        spec.compiler.degree = False
         spec.option.timestep = cls.CONTROL_DT / cls.SUBSTEPS
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.worldbody.add_light(name="light", pos=[1, 0, 3], dir=[-0.3, 0, -1])

@@ -136,6 +136,9 @@ def add_hand(spec: mujoco.MjSpec, side: str, pose: BasePose, free: bool) -> None
             # Bit 1 meets objects; a hand's own bit meets the other hand only. Pairs within a hand are listed.
             geom.contype = 1 | bit[side]
             geom.conaffinity = bit[other]
+        else:
+            # Two specks that only mark links would otherwise catch on their own forearm.
+            geom.contype = geom.conaffinity = 0
     turn = quaternion_product(quaternion_of(pose.euler), _MOUNT_QUATERNION)
     if not free:
         frame = spec.worldbody.add_frame(pos=pose.position, quat=turn)

@@ -14,6 +14,7 @@ from threading import Thread
 
 from porse.config import Params
 from porse.errors import ParamsError
+from porse.processes import die_with_parent
 from porse.training.job import Job, Outcome, Report
 
 WORKERS_VARIABLE = "PORSE_WORKERS"
@@ -29,7 +30,9 @@ def workers() -> int:
     if not text:
         return len(os.sched_getaffinity(0))
     if not text.isdecimal() or int(text) < 1:
-        raise ParamsError(f"expected {WORKERS_VARIABLE} to be a number of processes, 1 or more, found {text!r} in the environment; set or unset it")
+        raise ParamsError(
+            f"expected {WORKERS_VARIABLE} to be a number of processes, 1 or more, found {text!r} in the environment; set or unset it"
+        )
     return int(text)
 
 
@@ -79,6 +82,7 @@ _reports: "SimpleQueue[Report | None] | None" = None
 
 def _remember(reports: "SimpleQueue[Report | None]") -> None:
     global _reports
+    die_with_parent()
     _reports = reports
 
 

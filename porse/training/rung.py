@@ -31,11 +31,7 @@ def train_rung(pool: Pool, params: Params, iteration: int, rung: str, out: Path)
     results = {row["candidate_id"]: outcome for row, outcome in zip(going, outcomes, strict=True)}
     candidates = [_after(row, results.get(row["candidate_id"]), until) for row in pool.candidates]
     curves = [*pool.curves, *_curve_rows(results, iteration, rung)]
-    kept = {
-        row["policy"]: pool.policy(row)
-        for row in candidates
-        if not policy_file(out, row["policy"]).exists()
-    }
+    kept = {row["policy"]: pool.policy(row) for row in candidates if not policy_file(out, row["policy"]).exists()}
     write_pool(out, candidates, curves, kept)
 
 

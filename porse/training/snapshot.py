@@ -38,7 +38,9 @@ def load_policy(ppo: PPO, checkpoint: Checkpoint, where: Path) -> None:
         ppo.actor.load_state_dict(tensors(checkpoint, "actor"))
         ppo.critic.load_state_dict(tensors(checkpoint, "critic"))
     except RuntimeError as error:
-        raise CheckpointError(f"expected the networks of params.yaml (train.hidden) and of the task, found others in {where}: {' '.join(str(error).split())}; run `dvc repro`") from error
+        raise CheckpointError(
+            f"expected the networks of params.yaml (train.hidden) and of the task, found others in {where}: {' '.join(str(error).split())}; run `dvc repro`"
+        ) from error
 
 
 def optimizer_arrays(ppo: PPO) -> dict[str, NDArray[np.generic]]:

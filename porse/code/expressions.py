@@ -1,0 +1,272 @@
+"""Expressions as TorchScript text, in brackets wherever Python's precedence and TorchScript's could part."""
+
+import ast
+import re
+from collections.abc import Mapping
+
+from porse.code.annotations import type_text
+from porse.code.prelude import HELPER_SOURCES
+from porse.code.program import Program
+from porse.code.syntax import local_names, module_path, modules_of
+from porse.code.verdict import CodeError
+from porse.variables import Variable
+
+VARIABLE = "porse_"
+"""Prefix of a task variable, and of a helper of ours, that the function reads without declaring it."""
+FUNCTION = "porse_f_"
+"""Prefix of the program's own functions."""
+
+FUNCTIONAL = "porse_functional"
+"""Name of torch.nn.functional: F is a good name for a force."""
+
+BINARY = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%", ast.Pow: "**",
+    ast.MatMult: "@", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^", ast.LShift: "<<", ast.RShift: ">>",
+}  # fmt: skip
+_UNARY = {ast.USub: "-", ast.UAdd: "", ast.Not: "not ", ast.Invert: "~"}
+_COMPARE = {
+    ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Is: "is",
+    ast.IsNot: "is not", ast.In: "in", ast.NotIn: "not in",
+}  # fmt: skip
+_FACTORIES = frozenset(f"torch.{name}" for name in ("arange", "eye", "full", "linspace", "ones", "tensor", "zeros"))
+_CONSTRUCTORS = ("torch.Tensor", "torch.FloatTensor")
+_NORM_ORDERS = {'"fro"': "2", "None": "2", 'float("inf")': "math.inf"}
+_PATHS = {
+    **{f"{module}.{name}": f"math.{name}" for module in ("torch", "numpy") for name in ("pi", "e", "inf", "nan")},
+    "torch.concatenate": "torch.cat",
+    "torch.as_tensor": "torch.tensor",
+    "torch.absolute": "torch.abs",
+}
+
+
+class Expressions:
+    """Writes the expressions of one function.
+
+    Attributes:
+        used: helpers of ours that were written so far.
+        device: text of an expression for the device of the inputs; new tensors without a device are put there.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        function: ast.FunctionDef,
+        needs: Mapping[str, tuple[str, ...]],
+        variables: Mapping[str, Variable],
+    ) -> None:
+        self._program = program
+        self._needs = needs
+        self._variables = variables
+        self._modules = modules_of(program, function)
+        self._local = local_names(function)
+        self._line = function.lineno
+        self.used: set[str] = set()
+        self.device = ""
+
+    def text(self, node: ast.expr) -> str:
+        """Returns the text of an expression.
+
+        Raises:
+            CodeError: it has no TorchScript form; check "static".
+        """
+        write = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if write is None:
+            raise CodeError("static", f"{type(node).__name__} is not allowed", getattr(node, "lineno", self._line))
+        return write(node)
+
+    def target(self, node: ast.expr) -> str:
+        """Returns the text of what is assigned to."""
+        if isinstance(node, ast.Tuple | ast.List):
+            return ", ".join(self.target(element) for element in node.elts) + ("," if len(node.elts) == 1 else "")
+        if isinstance(node, ast.Name):
+            return node.id
+        if isinstance(node, ast.Subscript):
+            return self.text(node)
+        raise CodeError("static", f"{type(node).__name__} cannot be assigned", node.lineno)
+
+    def _constant(self, node: ast.Constant) -> str:
+        value = node.value
+        if value is Ellipsis:
+            return "..."
+        if isinstance(value, str):
+            return text_literal(value)
+        if isinstance(value, float) and value == float("inf"):
+            return "math.inf"
+        if value is None or isinstance(value, bool | int | float):
+            return repr(value)
+        raise CodeError("static", f"a {type(value).__name__} constant is not allowed", node.lineno)
+
+    def _name(self, node: ast.Name) -> str:
+        name = node.id
+        if name in self._local or name in self._program.constants:
+            return name
+        if name in self._program.helpers:
+            return FUNCTION + name
+        if name in self._variables:
+            return VARIABLE + name
+        if name in self._modules:
+            return _path_text(self._modules[name])
+        return self._helper(name)
+
+    def _helper(self, name: str) -> str:
+        """Returns the text of a helper of ours or of a builtin; a builtin `sum` is seen to where it is called."""
+        if name in HELPER_SOURCES and name != "sum":
+            self.used.add(name)
+            return VARIABLE + name
+        return name
+
+    def _attribute(self, node: ast.Attribute) -> str:
+        path = module_path(node, self._modules, self._local)
+        if path:
+            return _path_text(path)
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            if node.attr in self._program.helpers:
+                return FUNCTION + node.attr
+            return VARIABLE + node.attr if node.attr in self._variables else self._helper(node.attr)
+        return f"{self.text(node.value)}.{node.attr}"
+
+    def _subscript(self, node: ast.Subscript) -> str:
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        return f"{self.text(node.value)}[{self._all(parts)}]"
+
+    def _slice(self, node: ast.Slice) -> str:
+        lower, upper, step = (self.text(part) if part else "" for part in (node.lower, node.upper, node.step))
+        return f"{lower}:{upper}" + (f":{step}" if step else "")
+
+    def _binop(self, node: ast.BinOp) -> str:
+        return f"({self.text(node.left)} {BINARY[type(node.op)]} {self.text(node.right)})"
+
+    def _unaryop(self, node: ast.UnaryOp) -> str:
+        text = _UNARY[type(node.op)] + self.text(node.operand)
+        # A negative number stays bare: TorchScript takes it for a constant then, as dim=-1 must be.
+        is_number = isinstance(node.operand, ast.Constant) and not isinstance(node.op, ast.Not)
+        return text if is_number else f"({text})"
+
+    def _boolop(self, node: ast.BoolOp) -> str:
+        sign = " and " if isinstance(node.op, ast.And) else " or "
+        return f"({sign.join(self.text(value) for value in node.values)})"
+
+    def _compare(self, node: ast.Compare) -> str:
+        """TorchScript reads a chain as ((a < b) < c), so each link is written out."""
+        sides = [self.text(side) for side in (node.left, *node.comparators)]
+        pairs = zip(sides[:-1], node.ops, sides[1:], strict=True)
+        links = [f"({left} {_COMPARE[type(op)]} {right})" for left, op, right in pairs]
+        return links[0] if len(links) == 1 else f"({' and '.join(links)})"
+
+    def _ifexp(self, node: ast.IfExp) -> str:
+        return f"({self.text(node.body)} if {self.text(node.test)} else {self.text(node.orelse)})"
+
+    def _list(self, node: ast.List) -> str:
+        return f"[{self._all(node.elts)}]"
+
+    def _tuple(self, node: ast.Tuple) -> str:
+        return f"({self._all(node.elts)}{',' if len(node.elts) == 1 else ''})"
+
+    def _all(self, nodes: list[ast.expr]) -> str:
+        return ", ".join(self.text(node) for node in nodes)
+
+    def _dict(self, node: ast.Dict) -> str:
+        pairs = [(key, value) for key, value in zip(node.keys, node.values, strict=True) if key is not None]
+        if len(pairs) < len(node.keys):
+            raise CodeError("static", "** in a dictionary is not allowed", node.lineno)
+        return "{" + ", ".join(f"{self.text(key)}: {self.text(value)}" for key, value in pairs) + "}"
+
+    def _set(self, node: ast.Set) -> str:
+        """A dictionary in doubled braces, as left over from a format string, reads as a set of one dictionary."""
+        if len(node.elts) == 1 and isinstance(node.elts[0], ast.Dict):
+            return self._dict(node.elts[0])
+        raise CodeError("static", "sets are not allowed", node.lineno)
+
+    def _listcomp(self, node: ast.ListComp | ast.GeneratorExp) -> str:
+        return f"[{self.text(node.elt)} {self._generator(node)}]"
+
+    _generatorexp = _listcomp
+
+    def _dictcomp(self, node: ast.DictComp) -> str:
+        return f"{{{self.text(node.key)}: {self.text(node.value)} {self._generator(node)}}}"
+
+    def _generator(self, node: ast.ListComp | ast.GeneratorExp | ast.DictComp) -> str:
+        generator = node.generators[0]
+        if len(node.generators) != 1 or generator.ifs:
+            raise CodeError("static", "a comprehension has one for and no if", node.lineno)
+        return f"for {self.target(generator.target)} in {self.text(generator.iter)}"
+
+    def _joinedstr(self, node: ast.JoinedStr) -> str:
+        text, values = "", []
+        for part in node.values:
+            if isinstance(part, ast.FormattedValue):
+                text += "{}"
+                values.append(self.text(part.value))
+            elif isinstance(part, ast.Constant):
+                text += str(part.value).replace("{", "(").replace("}", ")")
+        return f"{text_literal(text)}.format({', '.join(values)})" if values else text_literal(text)
+
+    def _call(self, node: ast.Call) -> str:
+        path = module_path(node.func, self._modules, self._local)
+        arguments = [self.text(argument) for argument in node.args if path != "torch.jit.annotate"]
+        if path == "torch.jit.annotate":
+            return f"torch.jit.annotate({type_text(node.args[0])}, {self.text(node.args[1])})"
+        keywords = {keyword.arg or "": self.text(keyword.value) for keyword in node.keywords}
+        function = self.text(node.func)
+        if isinstance(node.func, ast.Attribute) and not path and node.func.attr in ("norm", "cross", "type"):
+            function, owner = f"torch.{node.func.attr}", self.text(node.func.value)
+            arguments = [owner, *arguments]
+        function, arguments = self._plain_form(function, arguments, keywords, node)
+        if function in _FACTORIES and self.device:
+            keywords.setdefault("device", self.device)
+        own = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+        if function == FUNCTION + own:
+            arguments = [VARIABLE + name for name in self._needs[own]] + arguments
+        return f"{function}({', '.join([*arguments, *(f'{name}={text}' for name, text in keywords.items())])})"
+
+    def _plain_form(
+        self, function: str, arguments: list[str], keywords: dict[str, str], node: ast.Call
+    ) -> tuple[str, list[str]]:
+        """Returns function and arguments of a call in a form that TorchScript knows."""
+        if function == "torch.norm":
+            return self._norm(arguments, keywords)
+        if function == FUNCTIONAL + ".normalize":
+            self.used.add("functional_normalize")
+            if "p" in keywords:
+                keywords["p"] = f"float({keywords['p']})"
+            arguments[1:2] = [f"float({order})" for order in arguments[1:2]]
+            return VARIABLE + "functional_normalize", arguments
+        if function == "torch.cross":
+            # Without a dimension torch.cross takes the first of size 3: the wrong one for three environments.
+            if len(arguments) > 2:
+                keywords["dim"] = arguments.pop(2)
+            return "torch.linalg.cross", arguments
+        if function == "torch.type":
+            return f"{arguments[0]}.to", arguments[1:]
+        if function in _CONSTRUCTORS and len(node.args) == 1 and isinstance(node.args[0], ast.List | ast.Tuple):
+            keywords["dtype"] = "torch.float32"
+            return "torch.tensor", arguments
+        if function == "sum" and len(arguments) == 1 and not keywords:
+            self.used.add("sum")
+            return VARIABLE + "sum", arguments
+        return function, arguments
+
+    def _norm(self, arguments: list[str], keywords: dict[str, str]) -> tuple[str, list[str]]:
+        """Returns torch.norm as the operator that it comes to: its own source takes ten times as long to compile."""
+        given = dict(zip(("input", "p", "dim", "keepdim"), arguments, strict=False)) | keywords
+        order = _NORM_ORDERS.get(given.get("p", '"fro"'), given.get("p", ""))
+        if given.keys() - {"input", "p", "dim", "keepdim"} or not re.fullmatch(r"-?[\d.]+|math\.inf", order):
+            return "torch.norm", arguments
+        keywords.clear()
+        return "torch.linalg.vector_norm", [
+            given["input"],
+            order,
+            given.get("dim", "None"),
+            given.get("keepdim", "False"),
+        ]
+
+
+def _path_text(path: str) -> str:
+    if path.startswith("torch.nn.functional."):
+        return FUNCTIONAL + "." + path.rpartition(".")[2]
+    return _PATHS.get(path, path)
+
+
+def text_literal(value: str) -> str:
+    """Returns a string literal that both parsers read alike: what is not plain becomes an underscore."""
+    return '"' + "".join(c if c.isascii() and c.isprintable() and c not in '"\\' else "_" for c in value) + '"'

@@ -1,0 +1,28 @@
+"""The probe of `porse check-code`: one process that loads torch, makes real states of a task and tries functions.
+
+It is the child of a process that needs neither torch nor the simulator, so that a check takes one start of each.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from porse.code.probe import serve
+from porse.generation.states import probe_states
+from porse.tasks import find_task
+from porse.variables import Variable
+
+PROBE_ENVS = 16
+"""Environments whose states right after a reset, and after some random actions, a function is tried on."""
+PROBE_STEPS = 16
+"""Control steps of random actions before the second half of those states."""
+
+
+def _load_task(request: dict[str, Any]) -> tuple[Sequence[Variable], Mapping[str, Any]]:
+    """Returns the variables of the task that the request names and their values in real states."""
+    name = request["task"]
+    variables = find_task(name).VARIABLES
+    return variables, probe_states(name, PROBE_ENVS, PROBE_STEPS, seed=0)
+
+
+if __name__ == "__main__":
+    serve(_load_task)

@@ -1,0 +1,118 @@
+"""BlockStack: two hands stack two cubes."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+FRICTION = 0.375
+LOST = 0.75
+NEAR = 0.07
+LOWER = (0.0, 0.0, 0.625)
+UPPER = (0.0, 0.0, 0.675)
+PADDING = 4
+"""Entries of the original's observations that it never writes."""
+
+
+class BlockStack(FreeHandTask):
+    """Stack the cubes."""
+
+    NAME: ClassVar[str] = "BlockStack"
+    DESCRIPTION: ClassVar[str] = "two shadow hands stack two blocks into a tower"
+    NUM_OBSERVATIONS: ClassVar[int] = 428
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 250
+    TIME_LIMIT: ClassVar[int] = 250
+    FORCE_SCALE: ClassVar[float] = 0.2
+    TORQUE_SCALE: ClassVar[float] = 0.02
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.6, 0.7), (math.pi, 0.0, 3.14))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -0.6, 0.7), (math.pi, 0.0, 0.0))
+    PER_ENV_STATISTIC: ClassVar[bool] = True
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "goal", "table")
+    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("block", "block"), ("goal", "goal"))
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("block_right_handle", "object"),
+        Handle("block_left_handle", "block"),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the right cube"),
+        *goal_variables("goal", "the goal: 10 cm beside it, toward -y, the tower stands"),
+        *body_variables("block", "the left cube"),
+        *point_variables("block_right_handle", "the right cube"),
+        *point_variables("block_left_handle", "the left cube"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    block_pose: Tensor
+    block_linvel: Tensor
+    block_angvel: Tensor
+    block_right_handle_pos: Tensor
+    block_left_handle_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the cubes on it, and the goal."""
+        objects.add_table(spec, (0.5, 1.0, 0.6), friction=0.2)
+        objects.add_block(spec, "object", (0.0, 0.1, 0.625), FRICTION)
+        objects.add_block(spec, "block", (0.0, -0.1, 0.625), FRICTION)
+        objects.add_goal(spec, (0.0, 0.1, 0.625))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 428)`: two hands, both cubes, four zeros."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.block_pose,
+                self.block_linvel,
+                0.2 * self.block_angvel,
+                torch.zeros(self.num_envs, PADDING),
+            ),
+            dim=-1,
+        )
+
+    def gaps(self) -> tuple[Tensor, Tensor]:
+        """Returns the distances (m) of the left cube from the upper place and of the right cube from the lower one."""
+        return (
+            torch.norm(torch.tensor(UPPER) - self.block_left_handle_pos, dim=-1),
+            torch.norm(torch.tensor(LOWER) - self.block_right_handle_pos, dim=-1),
+        )
+
+    def reaches(self) -> tuple[Tensor, Tensor]:
+        """Returns how far (m, sums over the fingers) each hand is from its cube, `(num_envs,)` each."""
+        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
+
+    def stacked(self) -> Tensor:
+        """Returns 50 (0.05 - height error of the left cube) where both cubes are near their places, else 0."""
+        upper, lower = self.gaps()
+        error = (UPPER[2] - self.block_left_handle_pos[:, 2]).abs()
+        return torch.where((upper < NEAR) & (lower < NEAR), 50.0 * (0.05 - error), 0.0)
+
+    def succeeded(self) -> Tensor:
+        """Returns where the cubes are stacked, with a height error below 3 cm."""
+        return self.stacked() > 1.0
+
+    def failed(self) -> Tensor:
+        """Returns where a hand is lost."""
+        right, left = self.reaches()
+        return (right >= LOST) | (left >= LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns 1.5 minus both reaches, plus 2 (0.24 - both gaps) with both hands near, plus the stack term."""
+        right, left = self.reaches()
+        upper, lower = self.gaps()
+        carried = torch.where((right < 0.5) & (left < 0.5), 2.0 * (0.24 - upper - lower), 0.0)
+        return 1.5 - right - left + carried + self.stacked()

@@ -1,0 +1,104 @@
+"""GraspAndPlace: a cube is picked up and put into a bucket."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+LOST = 1.5
+NEAR = 0.2
+"""Distance (m) between cube and bucket below which the task is solved."""
+
+
+class GraspAndPlace(FreeHandTask):
+    """Put the cube into the bucket."""
+
+    NAME: ClassVar[str] = "GraspAndPlace"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands pick up an object from a table, while one of them holds a bucket, and put the "
+        "object into the bucket"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 425
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 500
+    TIME_LIMIT: ClassVar[int] = 500
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.1
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "block", "goal", "table")
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "block", "goal", "table")
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("block_right_handle", "link_1"),
+        Handle("block_left_handle", "block"),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the bucket"),
+        *point_variables("goal", "the goal (the bucket's own place)"),
+        *point_variables("block_right_handle", "the bucket, for the right hand"),
+        *point_variables("block_left_handle", "the cube, for the left hand"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    block_right_handle_pos: Tensor
+    block_right_handle_rot: Tensor
+    block_left_handle_pos: Tensor
+    block_left_handle_rot: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the bucket, the cube, and the goal; both start on the table, the original's inside it."""
+        objects.add_table(spec, (1.0, 1.0, 0.6))
+        base = objects.add_base(spec, "object", (0.0, 0.2, 0.654))
+        tub = objects.add_link(base, "link_1")
+        objects.add_tub(tub, "bucket", (-0.057, -0.053, -0.057), (0.057, 0.0445, 0.057), 0.008, up=1, mass=0.2)
+        objects.add_block(spec, "block", (0.0, -0.2, 0.625))
+        objects.add_goal(spec, (0.0, 0.2, 0.654))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 425)`: two hands, the bucket, then bucket and cube as handles."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.block_right_handle_pos,
+                self.block_right_handle_rot,
+                self.block_left_handle_pos,
+                self.block_left_handle_rot,
+            ),
+            dim=-1,
+        )
+
+    def reaches(self) -> tuple[Tensor, Tensor]:
+        """Returns how far (m, sums over the fingers) each hand is from its object, `(num_envs,)` each."""
+        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
+
+    def gap(self) -> Tensor:
+        """Returns the distance (m) between cube and bucket, `(num_envs,)`."""
+        return torch.norm(self.block_right_handle_pos - self.block_left_handle_pos, dim=-1)
+
+    def succeeded(self) -> Tensor:
+        """Returns where the cube is within 20 cm of the bucket."""
+        return self.gap() < NEAR
+
+    def failed(self) -> Tensor:
+        """Returns where a hand is lost."""
+        right, left = self.reaches()
+        return (right >= LOST) | (left >= LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns exp(-10 reach) for each hand plus 2 exp(-10 gap)."""
+        right, left = self.reaches()
+        return torch.exp(-10.0 * right) + torch.exp(-10.0 * left) + 2.0 * torch.exp(-10.0 * self.gap())

@@ -1,0 +1,123 @@
+"""Kettle (PourWater): one hand tilts a kettle over a bucket that the other hand holds."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+DROPPED = 0.2
+POURING = 0.05
+"""Distance (m) between spout and bucket point below which the task is solved."""
+
+DROPS = 8
+DROP_RADIUS = 0.01
+"""The water: the original has 30 balls of half the radius, too small for this time step; none enters a reward."""
+
+
+class Kettle(FreeHandTask):
+    """Bring spout and bucket together."""
+
+    NAME: ClassVar[str] = "Kettle"
+    DESCRIPTION: ClassVar[str] = (
+        "one shadow hand holds a kettle and the other holds a bucket; together they pour the water from the "
+        "kettle into the bucket"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 417
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 125
+    TIME_LIMIT: ClassVar[int] = 125
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.1
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.6), (math.pi, 1.57, 1.57))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.6), (math.pi, -1.57, 1.57))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = (
+        "object", "link_1", "link_0", "bucket", "bucket_link_1", "goal", "table", *(f"drop{i}" for i in range(DROPS)),
+    )  # fmt: skip
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "bucket", "goal", "table")
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("kettle_handle", "object", (0.15, 0.0, 0.0)),
+        Handle("kettle_spout", "object", (-0.2, 0.0, 0.07)),
+        Handle("bucket_handle", "bucket", (0.0, 0.0, -0.1)),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the kettle"),
+        *goal_variables("goal", "the goal (the kettle's own place)"),
+        *point_variables("kettle_handle", "the handle of the kettle, for the right hand"),
+        *point_variables("kettle_spout", "the spout of the kettle"),
+        *point_variables("bucket_handle", "the point of the bucket, for the left hand"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    kettle_handle_pos: Tensor
+    kettle_spout_pos: Tensor
+    bucket_handle_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the kettle with lid and water, the bucket, and the goal."""
+        objects.add_table(spec, (0.5, 1.0, 0.4))
+        base = objects.add_base(spec, "object", (0.0, 0.0, 0.5), (0.0, 0.0, 1.57))
+        body = objects.add_link(base, "link_1")
+        objects.add_tub(body, "kettle", (-0.09, -0.074, -0.09), (0.09, 0.06, 0.09), 0.012, up=1, mass=2.2)
+        objects.add_rod(body, "spout", (0.0, 0.0, 0.09), (0.0, 0.07, 0.2), 0.015, 0.13)
+        objects.add_rod(body, "handle_upper", (0.0, 0.05, -0.09), (0.0, 0.05, -0.15), 0.01, 0.04)
+        objects.add_rod(body, "handle_bar", (0.0, -0.05, -0.15), (0.0, 0.05, -0.15), 0.012, 0.05)
+        objects.add_rod(body, "handle_lower", (0.0, -0.05, -0.09), (0.0, -0.05, -0.15), 0.01, 0.04)
+        lid = body.add_body(name="link_0")
+        objects.add_slide(lid, "lid", (0.0, 1.0, 0.0), (0.0, 0.032), damping=1.0, friction=1.0)
+        objects.add_box(lid, "lid", (-0.074, 0.061, -0.074), (0.074, 0.072, 0.074), 0.16)
+        bucket = objects.add_base(spec, "bucket", (0.0, -0.3, 0.5))
+        tub = objects.add_link(bucket, "bucket_link_1")
+        objects.add_tub(tub, "bucket", (-0.057, -0.053, -0.057), (0.057, 0.0445, 0.057), 0.008, up=1, mass=0.2)
+        for i in range(DROPS):
+            place = (0.025 * (i % 4 - 1.5), 0.03 * (i // 4 - 0.5), 0.46)
+            drop = objects.add_base(spec, f"drop{i}", place)
+            drop.add_geom(
+                name=f"drop{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[DROP_RADIUS, 0, 0], mass=0.004,
+                contype=objects.OBJECT_BIT, conaffinity=objects.HAND_BIT | objects.OBJECT_BIT,
+                rgba=[0.2, 0.4, 0.9, 1],
+            )  # fmt: skip
+        objects.add_goal(spec, (0.0, 0.0, 0.5), (0.0, 0.0, 1.57))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 417)`: two hands, the kettle, its handle, the bucket."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.kettle_handle_pos,
+                self.bucket_handle_pos,
+            ),
+            dim=-1,
+        )
+
+    def gap(self) -> Tensor:
+        """Returns the distance (m) between spout and bucket point, `(num_envs,)`."""
+        return torch.norm(self.bucket_handle_pos - self.kettle_spout_pos, dim=-1)
+
+    def succeeded(self) -> Tensor:
+        """Returns where the spout is within 5 cm of the bucket point."""
+        return self.gap() < POURING
+
+    def failed(self) -> Tensor:
+        """Returns where the bucket fell."""
+        return self.bucket_handle_pos[:, 2] <= DROPPED
+
+    def human_reward(self) -> Tensor:
+        """Returns 1 minus both reaches, plus 0.5 - 2 gap with both hands near."""
+        right = self.reach("right", self.kettle_handle_pos)
+        left = self.reach("left", self.bucket_handle_pos)
+        pouring = torch.where((right < 0.7) & (left < 0.7), 0.5 - 2.0 * self.gap(), 0.0)
+        return 1.0 + pouring - right - left

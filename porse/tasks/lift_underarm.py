@@ -1,0 +1,111 @@
+"""LiftUnderarm: two hands lift a pot by its handles."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, two_hand_variables
+from porse.variables import Variable
+
+FRICTION = 2.0
+START_HEIGHT = 0.466
+"""The pot stands on the table; the original's starts 1.5 cm inside it."""
+
+GOAL_HEIGHT = 0.85
+NEAR = 0.05
+DROPPED = 0.3
+LOST = 0.2
+
+
+class LiftUnderarm(FreeHandTask):
+    """Lift the pot."""
+
+    NAME: ClassVar[str] = "LiftUnderarm"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands grasp the two handles of a pot and lift it together to the designated place above the table"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 417
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 500
+    TIME_LIMIT: ClassVar[int] = 500
+    FORCE_SCALE: ClassVar[float] = 0.25
+    TORQUE_SCALE: ClassVar[float] = 1.0
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.05, 0.45), (0.0, 0.0, 0.0))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.25, 0.45), (0.0, 0.0, math.pi))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "goal", "table")
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("pot_right_handle", "object", (0.0, 0.15, 0.06)),
+        Handle("pot_left_handle", "object", (0.0, -0.15, 0.06)),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the pot"),
+        *goal_variables("goal", "the goal of the pot"),
+        Variable("pot_right_handle_pos", "tensor", (3,), "m", "world", "position of the handle for the right hand"),
+        Variable("pot_left_handle_pos", "tensor", (3,), "m", "world", "position of the handle for the left hand"),
+        *palm_variables(),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    pot_right_handle_pos: Tensor
+    pot_left_handle_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the pot with its lid, and the goal."""
+        objects.add_table(spec, (0.3, 0.3, 0.4), y=-0.6, friction=FRICTION)
+        base = objects.add_base(spec, "object", (0.0, -0.6, START_HEIGHT))
+        body = objects.add_link(base, "link_1")
+        objects.add_rod(body, "pot", (0.0, -0.065, 0.0), (0.0, 0.069, 0.0), 0.12, 2.8, FRICTION)
+        objects.add_box(body, "right_handle", (-0.181, 0.045, -0.04), (-0.11, 0.065, 0.04), 0.1, FRICTION)
+        objects.add_box(body, "left_handle", (0.11, 0.045, -0.04), (0.181, 0.065, 0.04), 0.1, FRICTION)
+        lid = body.add_body(name="link_0")
+        objects.add_slide(lid, "lid", (0.0, 1.0, 0.0), (0.0, 0.06), damping=1.0, friction=1.0)
+        objects.add_rod(lid, "lid", (0.0, 0.07, 0.0), (0.0, 0.09, 0.0), 0.117, 1.0, FRICTION)
+        objects.add_goal(spec, (0.0, -0.6, GOAL_HEIGHT))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 417)`: two hands, the pot, its handles."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.pot_right_handle_pos,
+                self.pot_left_handle_pos,
+            ),
+            dim=-1,
+        )
+
+    def distance(self) -> Tensor:
+        """Returns the distance (m) of the pot from its goal, `(num_envs,)`."""
+        return torch.norm(self.goal_pos - self.object_pos, dim=-1)
+
+    def palm_distances(self) -> tuple[Tensor, Tensor]:
+        """Returns the distances (m) of the palms from their handles, `(num_envs,)` each."""
+        return (
+            torch.norm(self.pot_right_handle_pos - self.right_hand_pos, dim=-1),
+            torch.norm(self.pot_left_handle_pos - self.left_hand_pos, dim=-1),
+        )
+
+    def succeeded(self) -> Tensor:
+        """Returns where the pot is within 5 cm of its goal."""
+        return self.distance() < NEAR
+
+    def failed(self) -> Tensor:
+        """Returns where the pot fell or a palm is 20 cm from its handle."""
+        right, left = self.palm_distances()
+        return (self.object_pos[:, 2] <= DROPPED) | (right >= LOST) | (left >= LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns 0.2 minus both palm distances, plus 3 (0.385 - distance) with both palms near."""
+        right, left = self.palm_distances()
+        lifted = 3.0 * (0.385 - self.distance())
+        return 0.2 - right - left + torch.where((right < 0.08) & (left < 0.08), lifted, 0.0)

@@ -1,0 +1,129 @@
+"""PushBlock: each hand pushes its cube to a goal."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+FRICTION = 0.75
+LOST = 1.2
+NEAR = 0.1
+LEFT_GOAL = (-0.2, -0.2, 0.625)
+RIGHT_GOAL = (-0.2, 0.2, 0.625)
+PADDING = 5
+"""Entries of the original's observations that it never writes."""
+
+
+class PushBlock(FreeHandTask):
+    """Push both cubes to their goals."""
+
+    NAME: ClassVar[str] = "PushBlock"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands each reach for a block on a table and push it to its goal; this is a relatively simple task"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 428
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 125
+    TIME_LIMIT: ClassVar[int] = 125
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.1
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "left_goal", "right_goal", "table")
+    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"),)
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("block_right_handle", "object"),
+        Handle("block_left_handle", "block"),
+        Handle("left_goal", "left_goal"),
+        Handle("right_goal", "right_goal"),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the right cube"),
+        *point_variables("block_right_handle", "the right cube"),
+        *point_variables("block_left_handle", "the left cube"),
+        *point_variables("left_goal", "the goal of the left cube"),
+        *point_variables("right_goal", "the goal of the right cube"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    block_right_handle_pos: Tensor
+    block_left_handle_pos: Tensor
+    left_goal_pos: Tensor
+    right_goal_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the cubes on it, and their goals."""
+        objects.add_table(spec, (1.0, 1.0, 0.6), friction=0.5)
+        objects.add_block(spec, "object", (0.0, 0.2, 0.625), FRICTION)
+        objects.add_block(spec, "block", (0.0, -0.2, 0.625), FRICTION)
+        objects.add_goal(spec, LEFT_GOAL, name="left_goal")
+        objects.add_goal(spec, RIGHT_GOAL, name="right_goal")
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 428)`: two hands, the right cube, both cubes, both goals, five zeros."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.block_right_handle_pos,
+                self.block_left_handle_pos,
+                self.left_goal_pos,
+                self.right_goal_pos,
+                torch.zeros(self.num_envs, PADDING),
+            ),
+            dim=-1,
+        )
+
+    def gaps(self) -> tuple[Tensor, Tensor]:
+        """Returns the distances (m) of the left and the right cube from their goals, `(num_envs,)` each."""
+        return (
+            torch.norm(self.left_goal_pos - self.block_left_handle_pos, dim=-1),
+            torch.norm(self.right_goal_pos - self.block_right_handle_pos, dim=-1),
+        )
+
+    def reaches(self) -> tuple[Tensor, Tensor]:
+        """Returns how far (m, sums over the fingers) each hand is from its cube, `(num_envs,)` each."""
+        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
+
+    def succeeded(self) -> Tensor:
+        """Returns where both cubes are within 10 cm of their goals."""
+        left, right = self.gaps()
+        return (left <= NEAR) & (right <= NEAR)
+
+    def credit(self) -> Tensor:
+        """Returns 1 where both cubes have arrived, 1/2 where only the left one has, else 0, `(num_envs,)`."""
+        left, right = self.gaps()
+        return torch.where(left <= NEAR, torch.where(right <= NEAR, 1.0, 0.5), 0.0)
+
+    def _count(self) -> None:
+        # As in the original, the first credit of an episode stays, so a half never becomes a whole.
+        self.successes = torch.where(self.successes == 0.0, self.credit(), self.successes)
+
+    def sparse_reward(self) -> Tensor:
+        """Returns the credit of each step."""
+        return self.credit()
+
+    def failed(self) -> Tensor:
+        """Returns where a hand is lost."""
+        right, left = self.reaches()
+        return (right >= LOST) | (left >= LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns (1.2 - reach) of each hand plus 5 - 5 times both distances from the goals."""
+        right, left = self.reaches()
+        left_gap, right_gap = self.gaps()
+        return (1.2 - right) + (1.2 - left) + 5.0 - 5.0 * left_gap - 5.0 * right_gap

@@ -1,0 +1,181 @@
+"""ReOrientation: each of two fixed hands turns its cube to a goal orientation, again and again."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks import objects, shadow
+from porse.tasks.hands import (
+    TwoHandTask,
+    body_variables,
+    goal_variables,
+    hand_observations,
+    two_hand_variables,
+)
+from porse.variables import Variable
+
+STARTS = ((0.0, -0.39, 0.6), (0.0, -0.76, 0.6))
+GOAL_DROP = 0.04
+NOISE = 0.01
+TOLERANCE = 0.1
+"""Angle (rad) from the goal below which an orientation is reached."""
+
+DROPPED = 0.2
+HIT_BONUS = 500.0
+AVERAGING = 0.01
+
+
+class ReOrientation(TwoHandTask):
+    """Turn two cubes to their goal orientations.
+
+    As in the original, only the second cube counts as a hit; a hit gives both cubes a new goal. The statistic is a
+    moving average of the hits of the episodes that end, so it can exceed 1.
+    """
+
+    NAME: ClassVar[str] = "ReOrientation"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands with fixed bases each hold an object on their upward palms and turn it in the hand to its "
+        "target orientation"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 422
+    NUM_ACTIONS: ClassVar[int] = 40
+    EPISODE_LENGTH: ClassVar[int] = 600
+    TIME_LIMIT: ClassVar[int] = 600
+    FREE: ClassVar[bool] = False
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal", "object_another", "goal_another")
+    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the right hand's cube"),
+        *goal_variables("goal", "its goal"),
+        *body_variables("object_another", "the left hand's cube"),
+        *goal_variables("goal_another", "its goal"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations,)
+    MEASURED: ClassVar[tuple[str, ...]] = (*TwoHandTask.MEASURED, "_hit")
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
+    JOINT_NOISE: ClassVar[float] = 0.2
+
+    object_pose: Tensor
+    object_pos: Tensor
+    object_rot: Tensor
+    object_linvel: Tensor
+    object_angvel: Tensor
+    object_another_pose: Tensor
+    object_another_pos: Tensor
+    object_another_rot: Tensor
+    object_another_linvel: Tensor
+    object_another_angvel: Tensor
+    goal_pose: Tensor
+    goal_pos: Tensor
+    goal_rot: Tensor
+    goal_another_pose: Tensor
+    goal_another_pos: Tensor
+    goal_another_rot: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the cubes and their goals."""
+        for word, start in zip(("", "_another"), STARTS, strict=True):
+            objects.add_block(spec, f"object{word}", start)
+            goal = objects.add_goal(spec, (start[0], start[1], start[2] - GOAL_DROP), name=f"goal{word}")
+            goal.add_geom(
+                name=f"goal{word}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025] * 3, contype=0, conaffinity=0,
+                rgba=[0.3, 0.8, 0.4, 0.4],
+            )  # fmt: skip
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        self._hit = torch.zeros(self.num_envs, dtype=torch.bool)
+
+    def _place(self, ids: Tensor) -> None:
+        n = len(ids)
+        physics = self._physics
+        turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+        for index, name in enumerate(("object", "object_another")):
+            start = int(physics.model.joint(name).qposadr[0])
+            position = torch.tensor(STARTS[index]) + self._uniform(-NOISE, NOISE, n, 3)
+            physics.qpos[ids, start : start + 3] = position.double()
+            physics.qpos[ids, start + 3 : start + 7] = turn
+        self._hit[ids] = False
+        self._new_goals(ids)
+
+    def _new_goals(self, ids: Tensor) -> None:
+        """Draws one goal orientation for both cubes."""
+        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].double()
+        self._physics.mocap_quat[ids] = turn.unsqueeze(1).expand(-1, 2, -1)
+
+    def _act(self) -> None:
+        # The goal that was hit stays until the next action, so that rewards and variables of a step agree with it.
+        hit = self._hit.nonzero().squeeze(-1)
+        if len(hit):
+            self._new_goals(hit)
+        super()._act()
+
+    def _name_measurements(self) -> None:
+        for name in self.OBJECT_BODIES:
+            self._name_body(name, name)
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 422)`: two hands of 187, then each cube with its goal."""
+        fixed = self.object_pos[:, :0]
+        return torch.cat(
+            (
+                hand_observations(
+                    self.shadow_hand_dof_pos, self.shadow_hand_dof_vel, self.dof_force_tensor[:, :24],
+                    self.fingertip_state, self.vec_sensor_tensor[:, :30], fixed, self.actions[:, :20],
+                ),
+                hand_observations(
+                    self.shadow_hand_another_dof_pos, self.shadow_hand_another_dof_vel, self.dof_force_tensor[:, 24:],
+                    self.fingertip_another_state, self.vec_sensor_tensor[:, 30:], fixed, self.actions[:, 20:],
+                ),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.goal_pose,
+                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
+                self.object_another_pose,
+                self.object_another_linvel,
+                0.2 * self.object_another_angvel,
+                self.goal_another_pose,
+                rotations.multiply(self.object_another_rot, rotations.conjugate(self.goal_another_rot)),
+            ),
+            dim=-1,
+        )  # fmt: skip
+
+    def turns(self) -> tuple[Tensor, Tensor]:
+        """Returns the angles (rad) of both cubes from their goals, `(num_envs,)` each."""
+        return (
+            rotations.rotation_distance(self.object_rot, self.goal_rot),
+            rotations.rotation_distance(self.object_another_rot, self.goal_another_rot),
+        )
+
+    def succeeded(self) -> Tensor:
+        """Returns where the second cube has its goal orientation."""
+        return self.turns()[1] < TOLERANCE
+
+    def failed(self) -> Tensor:
+        """Returns where a cube was dropped."""
+        return torch.minimum(self.object_pos[:, 2], self.object_another_pos[:, 2]) <= DROPPED
+
+    def _record(self) -> None:
+        self._hit = self.succeeded()
+        self.successes = self.successes + self._hit
+        finished = self.terminated() | self.timed_out()
+        if finished.any():
+            mean = self.successes[finished].mean()
+            self.outcomes = AVERAGING * mean + (1.0 - AVERAGING) * self.outcomes
+
+    def human_reward(self) -> Tensor:
+        """Returns -10 (d1 + d2) + 1 / (r1 + 0.1) + 1 / (r2 + 0.1) - 0.0002 sum of actions^2 + 500 on a hit."""
+        first, second = self.turns()
+        distance = torch.norm(self.goal_pos - self.object_pos, dim=-1)
+        distance = distance + torch.norm(self.goal_another_pos - self.object_another_pos, dim=-1)
+        effort = (self.actions * self.actions).sum(dim=-1)
+        aligned = 1.0 / (first + 0.1) + 1.0 / (second + 0.1)
+        return -10.0 * distance + aligned - 0.0002 * effort + torch.where(self._hit, HIT_BONUS, 0.0)

@@ -1,0 +1,124 @@
+"""Scissors: two hands open a pair of scissors that lies on a table."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+THICKNESS = 0.012
+OPEN = -0.3
+"""Angle (rad) of the scissors above which they count as open; closed is -0.597."""
+
+CLOSED = -0.59
+LOST = 1.75
+
+
+def _add_half(body: mujoco.MjsBody, name: str, side: int) -> None:
+    """Adds a blade toward -x and a handle toward +x and side * z, in one plane."""
+    low, high = -THICKNESS / 2, THICKNESS / 2
+    objects.add_box(body, f"{name}_blade", (-0.2, low, -0.012), (0.02, high, 0.012), 0.03)
+    near, far = sorted((0.0, 0.06 * side))
+    objects.add_box(body, f"{name}_neck", (0.0, low, near), (0.14, high, far), 0.03)
+    near, far = sorted((0.06 * side, 0.12 * side))
+    objects.add_box(body, f"{name}_grip", (0.12, low, near), (0.24, high, far), 0.04)
+
+
+class Scissors(FreeHandTask):
+    """Open the scissors."""
+
+    NAME: ClassVar[str] = "Scissors"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands open a pair of scissors: the hands reach for the two handles and spread them"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 417
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 150
+    TIME_LIMIT: ClassVar[int] = 150
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.1
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "goal", "table")
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("scissors_right_handle", "link_0", (0.2, 0.0, -0.1)),
+        Handle("scissors_left_handle", "link_1", (0.15, 0.0, 0.1)),
+    )
+    START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {"scissors": (CLOSED, 0.0)}
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the scissors"),
+        *goal_variables("goal", "the goal (the scissors' own place)"),
+        *point_variables("scissors_right_handle", "the handle for the right hand"),
+        *point_variables("scissors_left_handle", "the handle for the left hand"),
+        Variable("object_dof_pos", "tensor", (1,), "rad", "joint", "angle of the scissors: -0.597 closed, 0.4 wide"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    scissors_right_handle_pos: Tensor
+    scissors_left_handle_pos: Tensor
+    object_dof_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, the scissors, and the goal."""
+        objects.add_table(spec, (0.5, 1.0, 0.6))
+        base = objects.add_base(spec, "object", (0.0, 0.0, 0.607), (0.0, 0.0, 1.57))
+        fixed = objects.add_link(base, "link_1")
+        _add_half(fixed, "link_1", side=1)
+        moving = fixed.add_body(name="link_0", pos=[-0.0698, 0.0, 0.0034])
+        _add_half(moving, "link_0", side=-1)
+        objects.add_hinge(moving, "scissors", (0.0, 1.0, 0.0), (-0.5969, 0.4), damping=0.02, friction=0.01)
+        objects.add_goal(spec, (0.0, 0.0, 0.607), (0.0, 0.0, 1.57))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 417)`: two hands, the scissors, their handles."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.scissors_right_handle_pos,
+                self.scissors_left_handle_pos,
+            ),
+            dim=-1,
+        )
+
+    def _name_measurements(self) -> None:
+        super()._name_measurements()
+        self.object_dof_pos = self.joint_position("scissors").unsqueeze(-1)
+
+    def reaches(self) -> tuple[Tensor, Tensor]:
+        """Returns how far (m, sums over the fingers) each hand is from its handle, `(num_envs,)` each."""
+        right = self.reach("right", self.scissors_right_handle_pos)
+        return right, self.reach("left", self.scissors_left_handle_pos)
+
+    def opening(self) -> Tensor:
+        """Returns five times the angle (rad) opened since the start, where both hands are near, else 0."""
+        right, left = self.reaches()
+        near = (right < 0.7) & (left < 0.7)
+        return torch.where(near, 5.0 * (0.59 + self.object_dof_pos[:, 0]), 0.0)
+
+    def succeeded(self) -> Tensor:
+        """Returns where the scissors are open."""
+        return self.object_dof_pos[:, 0] > OPEN
+
+    def failed(self) -> Tensor:
+        """Returns where the scissors were closed further or a hand is lost."""
+        right, left = self.reaches()
+        return (self.opening() < -0.5) | (right >= LOST) | (left >= LOST)
+
+    def human_reward(self) -> Tensor:
+        """Returns 2 + 5 * opening (with both hands near) minus both reaches."""
+        right, left = self.reaches()
+        return 2.0 + self.opening() - right - left

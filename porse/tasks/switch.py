@@ -1,0 +1,107 @@
+"""Switch: each hand presses a rocker switch. It cannot be solved, as shipped.
+
+The tracked point of a rocker rises as the rocker turns, from 0.6917 m to 0.7023 m, and success needs a mean height below
+0.675 m. Every method of the paper scores 0. `SwitchReachable` is the same scene with a success that can be reached.
+"""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.tasks import objects, shadow
+from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.variables import Variable
+
+PRESSED = 0.05
+LIMIT = 0.5585
+FRICTION = 1.0
+
+
+def add_switch(spec: mujoco.MjSpec, name: str, y: float) -> None:
+    """Adds a fixed switch with its rocker up: bodies `name`, `name`_link_1 (housing), `name`_link_0 (rocker)."""
+    base = objects.add_base(spec, name, (0.0, y, 0.65), (math.pi, 1.57, 0.0), free=False)
+    housing = objects.add_link(base, f"{name}_link_1")
+    objects.add_box(housing, f"{name}_housing", (-0.0513, -0.0755, -0.095), (0.0512, 0.0755, 0.025), 0.68)
+    rocker = housing.add_body(name=f"{name}_link_0", pos=[0.0502, -0.0109, 0.0417])
+    objects.add_hinge(rocker, f"{name}_rocker", (-1.0, 0.0, 0.0), (0.0, LIMIT), damping=0.01, friction=0.02)
+    objects.add_box(rocker, f"{name}_rocker", (-0.081, -0.0505, -0.013), (-0.021, 0.0505, 0.013), 0.042)
+
+
+class Switch(FreeHandTask):
+    """Press both switches."""
+
+    NAME: ClassVar[str] = "Switch"
+    DESCRIPTION: ClassVar[str] = "two shadow hands, each with its fingers, press the desired button of a switch"
+    NUM_OBSERVATIONS: ClassVar[int] = 417
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 125
+    TIME_LIMIT: ClassVar[int] = 125
+    FORCE_SCALE: ClassVar[float] = 0.5
+    TORQUE_SCALE: ClassVar[float] = 0.1
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = (
+        "object", "object_link_1", "object_link_0", "other", "other_link_1", "other_link_0", "goal", "table",
+    )  # fmt: skip
+    ACTORS: ClassVar[tuple[str, ...]] = ("object", "other", "goal", "table")
+    HANDLES: ClassVar[tuple[Handle, ...]] = (
+        Handle("switch_right_handle", "object_link_0", (-0.05, -0.02, 0.0)),
+        Handle("switch_left_handle", "other_link_0", (-0.05, -0.02, 0.0)),
+    )
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the right switch"),
+        *goal_variables("goal", "the goal (the right switch's own place)"),
+        *point_variables("switch_right_handle", "the rocker for the right hand"),
+        *point_variables("switch_left_handle", "the rocker for the left hand"),
+        *palm_variables(),
+        *finger_variables("right", "left"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    switch_right_handle_pos: Tensor
+    switch_left_handle_pos: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the table, both switches, and the goal."""
+        objects.add_table(spec, (0.5, 1.0, 0.55))
+        add_switch(spec, "object", 0.2)
+        add_switch(spec, "other", -0.2)
+        objects.add_goal(spec, (0.0, 0.2, 0.65), (math.pi, 1.57, 0.0))
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 417)`: two hands, the right switch, both rockers."""
+        return torch.cat(
+            (
+                free_hands(self, self.right_hand_pos, self.left_hand_pos),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.switch_right_handle_pos,
+                self.switch_left_handle_pos,
+            ),
+            dim=-1,
+        )
+
+    def depth(self) -> Tensor:
+        """Returns 1.4 m minus the sum of the heights of both tracked points, `(num_envs,)`."""
+        return 1.4 - (self.switch_right_handle_pos[:, 2] + self.switch_left_handle_pos[:, 2])
+
+    def succeeded(self) -> Tensor:
+        """Returns where both tracked points are low: their heights sum to less than 1.35 m."""
+        return self.depth() > PRESSED
+
+    def failed(self) -> Tensor:
+        """Returns nowhere: only the time limit ends an episode."""
+        return torch.zeros(self.num_envs, dtype=torch.bool)
+
+    def human_reward(self) -> Tensor:
+        """Returns 2 minus both reaches plus 50 times the depth."""
+        right = self.reach("right", self.switch_right_handle_pos)
+        left = self.reach("left", self.switch_left_handle_pos)
+        return 2.0 - right - left + 50.0 * self.depth()

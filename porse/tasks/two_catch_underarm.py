@@ -1,0 +1,124 @@
+"""TwoCatchUnderarm: each hand holds an egg, and both are thrown to the other hand at once."""
+
+import math
+from typing import ClassVar
+
+import mujoco
+import torch
+from torch import Tensor
+
+from porse.sim import rotations
+from porse.tasks import shadow
+from porse.tasks.catch import add_egg, add_goal_egg
+from porse.tasks.free_hands import FreeHandTask, free_hands
+from porse.tasks.hands import body_variables, goal_variables, hand_observations, two_hand_variables
+from porse.variables import Variable
+
+STARTS = ((0.0, -0.39, 0.54), (0.0, -0.78, 0.54))
+GOALS = ((0.0, -0.79, 0.54), (0.0, -0.38, 0.54))
+NOISE = 0.01
+NEAR = 0.06
+"""Sum of the distances (m) of the eggs from their goals below which both are caught."""
+
+DROPPED = 0.2
+
+
+class TwoCatchUnderarm(FreeHandTask):
+    """Exchange two eggs by throwing."""
+
+    NAME: ClassVar[str] = "TwoCatchUnderarm"
+    DESCRIPTION: ClassVar[str] = (
+        "two shadow hands with palms facing upwards stand opposite each other, and each holds an object; both objects "
+        "must be thrown to the other hand at the same time and caught there"
+    )
+    NUM_OBSERVATIONS: ClassVar[int] = 446
+    NUM_ACTIONS: ClassVar[int] = 52
+    EPISODE_LENGTH: ClassVar[int] = 75
+    TIME_LIMIT: ClassVar[int] = 75
+    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal", "object_another", "goal_another")
+    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = tuple((name, name) for name in OBJECT_BODIES)
+    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+        *body_variables("object", "the right hand's egg"),
+        *goal_variables("goal", "its goal, in the left hand"),
+        *body_variables("object_another", "the left hand's egg"),
+        *goal_variables("goal_another", "its goal, in the right hand"),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+    )
+    OBSERVATION_HELPERS = (hand_observations, free_hands)
+    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
+    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
+    FORCE_SCALE: ClassVar[float] = 0.05
+    TORQUE_SCALE: ClassVar[float] = 0.5
+    JOINT_NOISE: ClassVar[float] = 0.2
+
+    object_another_pose: Tensor
+    object_another_pos: Tensor
+    object_another_rot: Tensor
+    object_another_linvel: Tensor
+    object_another_angvel: Tensor
+    goal_another_pose: Tensor
+    goal_another_pos: Tensor
+    goal_another_rot: Tensor
+
+    @classmethod
+    def add_objects(cls, spec: mujoco.MjSpec) -> None:
+        """Adds the eggs and their goals."""
+        for word in ("", "_another"):
+            add_egg(spec, f"object{word}")
+            add_goal_egg(spec, f"goal{word}")
+
+    def _place(self, ids: Tensor) -> None:
+        n = len(ids)
+        physics = self._physics
+        turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+        goal_turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+        for index, name in enumerate(("object", "object_another")):
+            start = int(physics.model.joint(name).qposadr[0])
+            position = torch.tensor(STARTS[index]) + self._uniform(-NOISE, NOISE, n, 3)
+            physics.qpos[ids, start : start + 3] = position.double()
+            physics.qpos[ids, start + 3 : start + 7] = turn
+            physics.mocap_pos[ids, index] = torch.tensor(GOALS[index]).double()
+            physics.mocap_quat[ids, index] = goal_turn
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 446)`: two hands, then each egg with its goal."""
+        return torch.cat(
+            (
+                free_hands(self, self.root_state_tensor[:, 0, 0:3], self.root_state_tensor[:, 1, 0:3]),
+                self.object_pose,
+                self.object_linvel,
+                0.2 * self.object_angvel,
+                self.goal_pose,
+                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
+                self.object_another_pose,
+                self.object_another_linvel,
+                0.2 * self.object_another_angvel,
+                self.goal_another_pose,
+                rotations.multiply(self.object_another_rot, rotations.conjugate(self.goal_another_rot)),
+            ),
+            dim=-1,
+        )
+
+    def distances(self) -> tuple[Tensor, Tensor]:
+        """Returns the distances (m) of both eggs from their goals, `(num_envs,)` each."""
+        return (
+            torch.norm(self.goal_pos - self.object_pos, dim=-1),
+            torch.norm(self.goal_another_pos - self.object_another_pos, dim=-1),
+        )
+
+    def succeeded(self) -> Tensor:
+        """Returns where the distances of both eggs from their goals sum to less than 6 cm."""
+        first, second = self.distances()
+        return first + second < NEAR
+
+    def failed(self) -> Tensor:
+        """Returns where an egg was dropped."""
+        return torch.minimum(self.object_pos[:, 2], self.object_another_pos[:, 2]) <= DROPPED
+
+    def human_reward(self) -> Tensor:
+        """Returns the sum over the eggs of exp(-0.2 (50 d + angle to the goal's orientation))."""
+        first, second = self.distances()
+        first_turn = rotations.rotation_distance(self.object_rot, self.goal_rot)
+        second_turn = rotations.rotation_distance(self.object_another_rot, self.goal_another_rot)
+        return torch.exp(-0.2 * (50.0 * first + first_turn)) + torch.exp(-0.2 * (50.0 * second + second_turn))

@@ -1,0 +1,61 @@
+import json
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from porse import tables
+from porse.cli import main
+
+
+def commands(group, prefix=()):
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        yield (*prefix, name), command
+        if isinstance(command, click.Group):
+            yield from commands(command, (*prefix, name))
+
+
+ALL = dict(commands(main))
+
+
+def porse(*words):
+    return CliRunner().invoke(main, list(words), catch_exceptions=False)
+
+
+@pytest.mark.parametrize("name", ALL, ids=" ".join)
+def test_every_command_has_help(name):
+    assert ALL[name].help
+    assert porse(*name, "--help").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, command in ALL.items() if not isinstance(command, click.Group)], ids=" ".join
+)
+def test_every_command_is_in_the_readme(root, name):
+    assert f"porse {' '.join(name)}" in (root / "README.md").read_text()
+
+
+def test_the_schedule_ends_with_the_sum(root):
+    lines = porse("schedule", "--params", str(root / "params.yaml")).output.splitlines()
+    # 5 iterations x 36 H epochs, H = 15
+    assert lines[-1] == f"in all {5 * 36 * 15} epochs"
+
+
+def test_the_data_dictionary_names_every_column():
+    output = porse("tables").output
+    assert all(column.name in output for table in tables.TABLES.values() for column in table.columns)
+
+
+def test_tasks_are_listed_as_json():
+    rows = {row["task"]: row for row in json.loads(porse("tasks", "--json").output)}
+    assert (rows["Quadcopter"]["observations"], rows["Quadcopter"]["actions"]) == (21, 12)
+    assert (rows["Over"]["observations"], rows["Over"]["actions"]) == (398, 40)
+    assert set(rows["Over"]) == {"task", "observations", "actions", "family", "description", "episode_length"}
+
+
+def test_results_without_a_run_say_what_to_do(tmp_path):
+    done = porse("results", "--metrics", str(tmp_path / "none.json"))
+    assert done.exit_code == 1
+    assert "run `dvc repro` first" in done.output

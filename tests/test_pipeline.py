@@ -1,0 +1,212 @@
+"""The whole pipeline at tiny size: a real Git and DVC repository, real stages, and a real endpoint on loopback."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+import yaml
+
+from porse import tables
+from scripted import answer
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+COPIED = ("porse", "stages", "prompts", "dvc.yaml", "params.yaml", "requirements.lock", ".dvcignore", ".gitignore")
+QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}
+
+
+def tiny_params() -> dict:
+    params = yaml.safe_load((ROOT / "params.yaml").read_text())
+    params["llm"]["profile"] = "local"
+    params["generate"] = {"candidates": 3, "elites": 1}
+    params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
+    params["iterations"] = [{"n": 1, "next": 2}, {"n": 2, "next": "result"}]
+    params["rungs"] = [
+        {"rung": 1, "pool": "validate-code", "until": 1, "keep": 2},
+        {"rung": "mutants", "pool": "mutate", "until": 1, "keep": 2},
+        {"rung": 2, "pool": "eliminate-mutants", "until": 2, "keep": 1},
+    ]
+    params["mutate"]["pool"] = "eliminate-1"
+    params["fuse"]["pool"] = "eliminate-2"
+    return params
+
+
+class Endpoint(BaseHTTPRequestHandler):
+    """An OpenAI-compatible endpoint with the scripted model behind it. The prompt's key is not in the body, so equal
+    questions are told apart by a counter, as a sampled model would."""
+
+    asked: ClassVar[list[dict]] = []
+    lock: ClassVar = threading.Lock()
+
+    def do_POST(self):
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        with self.lock:
+            sample = sum(body["messages"] == earlier["messages"] for earlier in self.asked)
+            self.asked.append(body)
+        text = answer({"messages": body["messages"], "sample": sample})
+        reply = {
+            "id": "x", "object": "chat.completion", "created": 0, "model": body["model"],
+            "choices": [{"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}],
+            "usage": {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15},
+        }  # fmt: skip
+        content = json.dumps(reply).encode()
+        self.send_response(200)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_):
+        pass
+
+
+def run(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
+    done = subprocess.run(
+        command, cwd=where, env={**os.environ, **QUIET, **environment}, capture_output=True, text=True, timeout=280
+    )
+    assert not check or done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done
+
+
+def git(where: Path, *command: str) -> str:
+    return run(where, "git", "-c", "user.name=t", "-c", "user.email=t@t", *command).stdout
+
+
+def dvc(where: Path, *command: str, **options) -> subprocess.CompletedProcess:
+    return run(where, str(BIN / "dvc"), *command, **options)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A project whose run was recorded from the endpoint, and committed."""
+    project = tmp_path_factory.mktemp("recorded") / "project"
+    project.mkdir()
+    for name in COPIED:
+        source = ROOT / name
+        copy = shutil.copytree if source.is_dir() else shutil.copy
+        copy(source, project / name)
+    (project / "params.yaml").write_text(yaml.safe_dump(tiny_params(), sort_keys=False))
+    (project / "llm_cache").mkdir()
+    (project / ".venv").symlink_to(BIN.parent)
+    git(project, "init", "-q")
+    dvc(project, "init", "-q")
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Endpoint)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    url = f"http://127.0.0.1:{server.server_port}/v1"
+    dvc(project, "repro", PORSE_LLM_MODE="record", PORSE_LLM_BASE_URL=url, PORSE_LLM_CONCURRENCY="1")
+    server.shutdown()
+    server.server_close()
+    # Recording added to llm_cache/, a dep of the stages that ask: a frozen pass settles the lock, and trains nothing.
+    settled = dvc(project, "repro")
+    assert "train-population" not in re.findall(r"Running stage '([\w-]+)", settled.stdout)
+    git(project, "add", "-A")
+    git(project, "commit", "-qm", "recorded")
+    return project
+
+
+@pytest.fixture(autouse=True)
+def _long(request):
+    request.node.add_marker(pytest.mark.timeout(600))
+
+
+def test_the_run_leaves_its_tables_and_metrics(recorded):
+    results = {name: tables.read(recorded / "results" / f"{name}.parquet", tables.TABLES[name]) for name in (
+        "candidates", "verdicts", "curves", "scores", "survivors", "mutants", "iterations", "replies")}  # fmt: skip
+    metrics = json.loads((recorded / "metrics.json").read_text())
+    # Each iteration: 3 candidates x 1, 5 mutants x 1, 2 survivors x 1.
+    assert metrics["epochs_spent"] == metrics["epochs_allowed"] == 2 * (3 + 5 + 2)
+    assert metrics["environment_steps"] == 20 * 8 * 4
+    assert [row["varied"] for row in results["mutants"]] == ["beta"] * 5 + ["alpha"] * 5
+    assert [row["origin"] for row in results["candidates"] if row["iteration"] == 2][:3] == ["new", "new", "elite"]
+    broken = [row for row in results["verdicts"] if not row["passed"]]
+    assert next((row["kind"], row["slot"], row["attempt"], row["check"]) for row in broken) == (
+        "reward",
+        0,
+        0,
+        "variable",
+    )
+    assert metrics["replies"]["functions"] == len(results["verdicts"])
+    assert metrics["replies"]["valid"] == len(results["verdicts"]) - len(broken)
+    assert metrics["replies"]["all"] == len(results["replies"])
+    assert [row["iteration"] for row in results["iterations"]] == [1, 2]
+    fitness = [row["value"] for row in results["curves"] if row["series"] == "fitness"]
+    assert metrics["mts"] == max(fitness)
+    assert len(fitness) == metrics["epochs_spent"]
+
+
+def test_dvc_sees_metrics_and_plots(recorded):
+    assert "final_fitness" in dvc(recorded, "metrics", "show").stdout
+    assert dvc(recorded, "plots", "show").returncode == 0
+
+
+def test_a_second_repro_has_nothing_to_do_in_under_five_seconds(recorded):
+    started = time.monotonic()
+    done = dvc(recorded, "repro")
+    assert time.monotonic() - started < 5.0
+    assert "Running stage" not in done.stdout
+    assert git(recorded, "status", "--porcelain", "--untracked-files=no") == ""
+
+
+def test_a_parameter_of_mutate_concerns_only_what_depends_on_it(recorded):
+    original = (recorded / "params.yaml").read_text()
+    params = yaml.safe_load(original)
+    params["mutate"]["inertia"] = 0.5
+    try:
+        (recorded / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
+        status = json.loads(dvc(recorded, "status", "--json").stdout)
+    finally:
+        (recorded / "params.yaml").write_text(original)
+    assert sorted(status) == ["mutate@0", "mutate@1", "summarise"]
+
+
+def test_killed_and_started_again_elsewhere_it_ends_with_the_same_lock(recorded, tmp_path):
+    clone = tmp_path / "another place" / "clone"
+    git(recorded, "clone", "-q", str(recorded), str(clone))
+    (clone / ".venv").symlink_to(BIN.parent)
+    other = {
+        "PORSE_WORKERS": "1", "TZ": "Asia/Kathmandu", "LC_ALL": "C", "PYTHONHASHSEED": "123", "PORSE_LLM_MODE": "frozen",
+    }  # fmt: skip
+    command = ["sh", "-c", f"umask 077; exec {BIN / 'dvc'} repro"]
+    process = subprocess.Popen(
+        command, cwd=clone, env={**os.environ, **QUIET, **other}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 120
+    while not (clone / "run" / "1" / "train-mutants").exists():
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    time.sleep(0.5)
+    assert not (clone / "run" / "1" / "train-mutants" / "candidates.parquet").exists(), (
+        "killed too late to mean anything"
+    )
+    done = run(clone, "sh", "-c", f"umask 077; exec {BIN / 'dvc'} repro", **other)
+    ran = re.findall(r"Running stage '([^']+)'", done.stdout)
+    assert "train-population@iteration0-rung0" not in ran
+    assert ran[0] == "train-population@iteration0-rung1"
+    assert git(clone, "status", "--porcelain", "--untracked-files=no") == ""
+
+
+def test_an_edited_reply_is_refused(recorded, tmp_path):
+    clone = tmp_path / "clone"
+    git(recorded, "clone", "-q", str(recorded), str(clone))
+    (clone / ".venv").symlink_to(BIN.parent)
+    lock = (clone / "dvc.lock").read_bytes()
+    for record in (clone / "llm_cache").rglob("*.json"):
+        record.write_text(record.read_text().replace("distance", "Distance"))
+    done = dvc(clone, "repro", "generate@0", check=False)
+    assert done.returncode != 0
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not (clone / "run" / "1" / "generate").exists()
+    assert b"generate@0" in lock

@@ -1,0 +1,95 @@
+"""Whole prompts, held as they are sent. After a wanted change: `python tests/test_prompts.py` writes them anew."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+GOLDEN = ROOT / "tests" / "prompts"
+FEEDBACK = [
+    {"series": name, "epoch": epoch, "value": value, "maximum": 2.0, "mean": 0.123456, "minimum": -1.0}
+    for name in ("fitness", "component/near", "progress/distance")
+    for epoch, value in ((45, -0.5), (90, 1234.56789))
+]
+
+
+def briefs():
+    from porse.generation.conversations import Brief
+    from porse.tasks import find_task
+
+    task = find_task("Quadcopter")
+    winner = {
+        "reward_source": "def compute_reward(x):\n    return x, {}\n",
+        "mapping_source": "def mapping_function(self):\n    pass\n",
+    }
+    first = Brief(ROOT / "prompts", task.DESCRIPTION, task.observation_source().strip(), None, [])
+    return {"first": first, "refinement": Brief(first.prompts, first.description, first.environment, winner, FEEDBACK)}
+
+
+def prompts():
+    from porse.code.verdict import Verdict
+    from porse.config import load_params
+    from porse.generation.conversations import conversation, repair
+    from porse.generation.values import questions_text
+    from porse.search.feedback import Series
+
+    params = load_params(ROOT / "params.yaml")
+    found = {
+        f"{kind}-{name}": conversation(brief, kind)
+        for name, brief in briefs().items()
+        for kind in ("reward", "mapping")
+    }
+    verdict = Verdict(False, "variable", "expected variables of the task, found velocity", 2, (), ())
+    found["repair"] = repair(found["mapping-first"][1:], "def f(): ...", verdict, ROOT / "prompts")
+    record = [Series(name, (1, 2, 3), (0.25, -1.5, 2.0)) for name in ("fitness", "component/near")]
+    survivor = {"beta": 1.0, "alpha": 0.8}
+    for varied in ("beta", "alpha"):
+        found[varied] = questions_text(varied, survivor, record, "hover", params, ROOT / "prompts")
+    return found
+
+
+def text(messages):
+    return "".join(f"<<< {message.role} >>>\n{message.content}\n\n" for message in messages)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["reward-first", "mapping-first", "reward-refinement", "mapping-refinement", "repair", "beta", "alpha"],
+)
+def test_a_prompt_is_the_golden_text(name):
+    assert text(prompts()[name]) == (GOLDEN / f"{name}.txt").read_text()
+
+
+def test_every_golden_text_is_used():
+    assert {path.stem for path in GOLDEN.glob("*.txt")} == set(prompts())
+
+
+def test_a_missing_fact_is_an_error(root):
+    from porse.errors import PorseError
+    from porse.prompts import render
+
+    with pytest.raises(PorseError, match="contract"):
+        render(root / "prompts", "reward-system")
+
+
+def test_prompts_say_what_the_paper_says():
+    """Section A.6: each of its points stands in the prompt, in this project's words."""
+    found = {name: text(messages) for name, messages in prompts().items()}
+    points = {
+        "reward-first": ["torch.exp", "temperature", "one for each transformed component", "device", "exact type", "only be variables", "dictionary"],
+        "reward-refinement": ["wholly new function", "scale or temperature", "drop it", "far larger", "First go through the components"],
+        "mapping-first": ["have two", "average", "True", "False", "helpers", "a name"],
+        "mapping-refinement": ["wholly new function", "sensitive", "does not move at all", "divisible into stages", "leave it out"],
+        "alpha": ["weighted sum", "alpha low", "alpha high", "slightly lower", "evenly over 0 to 1", "Give 5"],
+        "beta": ["exploration bonus", "slightly less weight", "slightly more weight", "spread evenly", "[0, 2]", "Give 5"],
+    }  # fmt: skip
+    for name, words in points.items():
+        assert [word for word in words if word not in found[name]] == [], name
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    GOLDEN.mkdir(exist_ok=True)
+    for stem, messages in prompts().items():
+        (GOLDEN / f"{stem}.txt").write_text(text(messages))
