@@ -13,7 +13,12 @@ from porse.errors import PorseError
 from porse.report.markdown import results_table
 from porse.search.schedule import total_epochs, varied, work
 
-_LAZY = {"llm": "porse.llm.cli:llm", "check-code": "porse.check_code:check_code"}
+_LAZY = {
+    "llm": "porse.llm.cli:llm",
+    "check-code": "porse.check_code:check_code",
+    "play": "porse.show:play",
+    "render": "porse.show:render",
+}
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
 

@@ -19,3 +19,12 @@ NOT_FINITE = """def compute_reward(root_positions: torch.Tensor, progress_buf: t
     late = torch.where(progress_buf > 12, torch.log(-torch.ones_like(root_positions[:, 0])), root_positions[:, 2])
     return late, {"late": late}
 """
+
+RAISES = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor, num_envs: int):
+    late = progress_buf > 12
+    chosen = root_positions[late]
+    if chosen.shape[0] > 0:
+        chosen = chosen.reshape(num_envs, 5)
+    height = root_positions[:, 2]
+    return height, {"height": height + 0.0 * chosen.sum()}
+"""

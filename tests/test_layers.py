@@ -17,7 +17,8 @@ LAYERS: list[set[str]] = [
     {"tasks", "exploration"},
     {"search"},
     {"training", "generation"},
-    {"report", "check_code", "task_probe"},
+    {"report", "check_code", "film", "task_probe"},
+    {"show"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""
@@ -32,8 +33,6 @@ MAY_NOT: dict[str, set[str]] = {
     "identity": {"torch", "mujoco", "pyarrow", "numpy", "yaml", "click"},
     "tables": {"torch", "mujoco"},
 }
-LAZY = {"porse/cli.py": {"porse.llm.cli", "porse.check_code"}}
-"""Imports by name, which the syntax tree does not show."""
 
 
 def modules(root: Path) -> list[Path]:

@@ -21,7 +21,7 @@ from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
 from porse.training.vecenv import TaskEnv
-from samples import MAPPING, NOT_FINITE, REWARD
+from samples import MAPPING, NOT_FINITE, RAISES, REWARD
 
 ENVS = "32"
 
@@ -95,6 +95,13 @@ def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", NOT_FINITE), small, lambda *_: None)
     assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late)"
     assert outcome.rows == []
+    assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_reward_that_raises_on_a_late_state_ends_the_training_with_a_reason(small, small_start, tmp_path):
+    outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", RAISES), small, lambda *_: None)
+    assert outcome.failure.startswith("its function raised in training:")
+    assert "shape" in outcome.failure
     assert not (tmp_path / "x.safetensors").exists()
 
 

@@ -9,6 +9,7 @@ from porse.code.contract import (
     HELPERS,
     MATH_NAMES,
     MAX_INTEGER,
+    MAX_LOOP,
     TORCH_CONSTANTS,
     TORCH_FUNCTIONS,
     TORCH_MODULES,
@@ -20,6 +21,7 @@ _CONSTANT_NODES = (
     ast.Constant, ast.UnaryOp, ast.USub, ast.List, ast.Tuple, ast.Load, ast.BinOp, ast.Add, ast.Sub, ast.Mult, ast.Div,
 )  # fmt: skip
 _DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")
+_KEYWORDS = frozenset(("out", "names", "generator", "pin_memory", "memory_format", "layout"))
 _NUMPY = ("numpy.pi", "numpy.inf", "numpy.e", "numpy.nan")
 
 
@@ -66,6 +68,27 @@ def check_text(node: ast.Constant) -> None:
         raise CodeError("device", message, node.lineno)
     if "__" in text and "{" in text:
         raise CodeError("static", "a text with __ inside braces is not allowed", node.lineno)
+
+
+def check_keyword(node: ast.keyword) -> None:
+    """Refuses keywords of a call that would write somewhere, or that have no meaning in a reward."""
+    if node.arg is None:
+        raise CodeError("static", "** in a call is not allowed", node.lineno)
+    if node.arg in _KEYWORDS or not node.arg.isascii():
+        raise CodeError("static", f"the keyword {node.arg} is not allowed", node.lineno)
+
+
+def check_range(call: ast.Call) -> None:
+    """Refuses a call of range with a large number in it."""
+    for part in ast.walk(call):
+        if isinstance(part, ast.Constant) and isinstance(part.value, int) and abs(part.value) > MAX_LOOP:
+            raise CodeError("static", f"a loop of more than {MAX_LOOP} rounds is not allowed", call.lineno)
+
+
+def is_sequence(node: ast.expr) -> bool:
+    """Whether an expression is a text, a list or a tuple that is written out."""
+    is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+    return is_text or isinstance(node, ast.List | ast.Tuple | ast.JoinedStr)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

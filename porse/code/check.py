@@ -10,14 +10,17 @@ from dataclasses import dataclass
 from porse.code.allowed import (
     check_constant,
     check_identifier,
+    check_keyword,
     check_literal,
+    check_range,
     check_text,
+    is_sequence,
     path_allowed,
     unknown_name,
     unknown_variable,
 )
 from porse.code.annotations import check_annotation
-from porse.code.contract import ATTRIBUTES, BUILTINS, MAX_LOOP, METHODS
+from porse.code.contract import ATTRIBUTES, BUILTINS, METHODS
 from porse.code.hoist import number_type
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
@@ -27,7 +30,7 @@ from porse.variables import Variable
 
 _PLAIN = (
     ast.Return, ast.Assign, ast.AugAssign, ast.If, ast.Pass, ast.Break, ast.Continue, ast.Assert, ast.Delete,
-    ast.Subscript, ast.Slice, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.List, ast.Tuple, ast.Dict, ast.Set,
+    ast.Slice, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.List, ast.Tuple, ast.Dict, ast.Set,
     ast.ListComp, ast.GeneratorExp, ast.DictComp, ast.comprehension, ast.JoinedStr, ast.expr_context, ast.operator,
     ast.unaryop, ast.boolop, ast.cmpop,
 )  # fmt: skip
@@ -43,7 +46,6 @@ _REASONS: dict[type[ast.AST], str] = {
     ast.NamedExpr: "the := operator is not allowed",
 }
 _RANDOM = frozenset(f"torch.{name}" for name in ("rand", "randn", "rand_like", "randn_like", "randint", "randperm"))
-_FORBIDDEN_KEYWORDS = frozenset(("out", "names", "generator", "pin_memory", "memory_format", "layout"))
 
 
 @dataclass(frozen=True)
@@ -187,9 +189,14 @@ class _FunctionCheck:
             raise CodeError("static", "format specifications in f-strings are not allowed", node.lineno)
         self._visit(node.value)
 
+    def _subscript(self, node: ast.Subscript) -> None:
+        if isinstance(node.slice, ast.Tuple) and not node.slice.elts:
+            raise CodeError("static", "an empty index is not allowed", node.lineno)  # TorchScript crashes on it
+        self._below(node)
+
     def _binop(self, node: ast.BinOp) -> None:
         sides = (node.left, node.right)
-        if isinstance(node.op, ast.Mult | ast.Mod) and any(_is_sequence(side) for side in sides):
+        if isinstance(node.op, ast.Mult | ast.Mod) and any(is_sequence(side) for side in sides):
             raise CodeError("static", "lists and texts cannot be multiplied or formatted with %", node.lineno)
         self._below(node)
 
@@ -197,10 +204,10 @@ class _FunctionCheck:
         name = node.id
         if name in self._local:
             check_identifier(name, node.lineno)
-        elif name in self._program.constants:
-            self._constants.add(name)
         elif name in self._variables:
             self._read.add(name)
+        elif name in self._program.constants:
+            self._constants.add(name)
         elif name in self._modules and path_allowed(self._modules[name]):
             return
         elif name == self._program.main.name:
@@ -213,9 +220,12 @@ class _FunctionCheck:
             raise CodeError("static", f"the attribute .{node.attr} cannot be assigned", node.lineno)
         if isinstance(node.value, ast.Name) and node.value.id == "self" and "self" not in self._local:
             self._check_self(node)
-            if node.attr not in self._variables:
+            if node.attr in self._variables:
+                self._read.add(node.attr)
+            elif node.attr in self._program.constants and node.attr not in self._local:
+                self._constants.add(node.attr)
+            else:
                 raise unknown_variable(node.attr, self._variables, node.lineno)
-            self._read.add(node.attr)
             return
         path = module_path(node, self._modules, self._local)
         if path and not path_allowed(path):
@@ -244,10 +254,10 @@ class _FunctionCheck:
                 raise CodeError("static", "* in a call is not allowed", node.lineno)
             self._visit(argument)
         for keyword in node.keywords:
-            self._check_keyword(keyword)
+            check_keyword(keyword)
             self._visit(keyword.value)
         if isinstance(node.func, ast.Name) and node.func.id == "range":
-            self._check_range(node)
+            check_range(node)
 
     def _called(self, function: ast.expr) -> None:
         """Checks what stands before the brackets of a call: only there may functions of the program stand."""
@@ -272,19 +282,3 @@ class _FunctionCheck:
         elif not isinstance(function, ast.Name):
             raise CodeError("static", "only named functions and methods can be called", function.lineno)
         self._visit(function)
-
-    def _check_keyword(self, node: ast.keyword) -> None:
-        if node.arg is None:
-            raise CodeError("static", "** in a call is not allowed", node.lineno)
-        if node.arg in _FORBIDDEN_KEYWORDS or not node.arg.isascii():
-            raise CodeError("static", f"the keyword {node.arg} is not allowed", node.lineno)
-
-    def _check_range(self, node: ast.Call) -> None:
-        for part in ast.walk(node):
-            if isinstance(part, ast.Constant) and isinstance(part.value, int) and abs(part.value) > MAX_LOOP:
-                raise CodeError("static", f"a loop of more than {MAX_LOOP} rounds is not allowed", node.lineno)
-
-
-def _is_sequence(node: ast.expr) -> bool:
-    is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
-    return is_text or isinstance(node, ast.List | ast.Tuple | ast.JoinedStr)

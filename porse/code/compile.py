@@ -3,6 +3,7 @@
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from operator import itemgetter
 from typing import Any, Self
@@ -41,7 +42,7 @@ class _Function:
         graph = self._script.graph.copy()
         make_portable(graph)
         twin = copy.copy(self)
-        twin._script = Script(graph, self._script.lines, self.arguments)
+        twin._script = replace(self._script, graph=graph)
         twin._run = twin._script.callable()
         return twin
 
@@ -65,7 +66,7 @@ class _Function:
         values = [variables[name] for name in self.arguments]
         for graph in forced_graphs(self._script.graph):
             try:
-                Script(graph, self._script.lines, self.arguments).callable()(*values)
+                replace(self._script, graph=graph).callable()(*values)
             except Exception as error:  # a side that is forced may fail as it never would
                 failure = translate(error, self._script.lines, "run")
                 if failure.check == "memory":

@@ -64,10 +64,10 @@ MAX_ELEMENTS = 10_000_000
 MAX_NAME_CHARACTERS = 64
 """Names of components and progress variables are cut to this length."""
 
-BUILTINS = words("abs bool enumerate float int len max min range round sum zip isinstance print")
+BUILTINS = words("abs bool dict enumerate float int len list max min range round sum zip isinstance print")
 
 TORCH_CONSTANTS = words(
-    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor device"
+    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor"
 )
 
 TORCH_FUNCTIONS = words("""
@@ -79,7 +79,7 @@ TORCH_FUNCTIONS = words("""
     heaviside hstack hypot index_select inner isclose isfinite isinf isnan le lerp less less_equal linspace log
     log10 log1p log2 logaddexp logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max
     maximum mean median min minimum mm movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm
-    not_equal numel ones ones_like outer permute polar pow prod rad2deg ravel reciprocal relu remainder reshape roll
+    not_equal numel ones ones_like outer permute pow prod rad2deg ravel reciprocal relu remainder reshape roll
     round rsqrt select sgn sigmoid sign sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub
     subtract sum swapaxes t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
     unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
@@ -97,7 +97,7 @@ TORCH_MODULES: dict[str, frozenset[str]] = {
 }
 
 MATH_NAMES = words(
-    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor hypot inf isfinite isinf isnan log log10 log1p log2 "
+    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor inf isfinite isinf isnan log log10 log1p "
     "nan pi pow radians sin sinh sqrt tan tanh tau"
 )
 
@@ -111,7 +111,7 @@ METHODS = words("""
     reshape roll round rsqrt select sgn sigmoid sign sin sinh size softmax sort split sqrt square squeeze std sub
     subtract sum t tan tanh tile to topk transpose tril triu true_divide trunc type type_as unbind unflatten unsqueeze var
     view view_as where xlogy
-    new_full new_ones new_tensor new_zeros
+    new_full new_ones new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
     append extend copy items keys values get update format
     """)
@@ -119,8 +119,11 @@ METHODS = words("""
 
 ATTRIBUTES = words("T mT device dtype ndim requires_grad shape values indices")
 
-MODULES = frozenset(["torch", "math", "typing", "numpy", "__future__", "isaacgym", "isaacgymenvs"])
-"""Modules whose import lines are accepted. No import is ever executed."""
+MODULES = words("""
+    torch math typing numpy __future__ abc collections dataclasses enum functools gym gymnasium isaacgym isaacgymenvs
+    omniisaacgymenvs bidexhands utils
+    """)
+"""Modules whose import lines are accepted. No import is ever executed; names come only from torch, math and numpy."""
 
 
 def contract_text(kind: Kind) -> str:

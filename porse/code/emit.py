@@ -140,7 +140,7 @@ class _Writer:
                         position : position + 1
                     ]
                     kinds.update(value_type(value, function, self._variables) for value in values)
-        return kinds.pop() if len(kinds) == 1 else "Tensor"
+        return (kinds.pop() if len(kinds) == 1 else "") or "Tensor"
 
     def _number(self, kind: str, value: ast.expr) -> str:
         """Returns a number as the type that was declared for it."""

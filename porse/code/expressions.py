@@ -1,10 +1,10 @@
 """Expressions as TorchScript text, in brackets wherever Python's precedence and TorchScript's could part."""
 
 import ast
-import re
 from collections.abc import Mapping
 
 from porse.code.annotations import type_text
+from porse.code.calls import FUNCTIONAL, plain_form
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
 from porse.code.syntax import local_names, module_path, modules_of
@@ -16,9 +16,6 @@ VARIABLE = "porse_"
 FUNCTION = "porse_f_"
 """Prefix of the program's own functions."""
 
-FUNCTIONAL = "porse_functional"
-"""Name of torch.nn.functional: F is a good name for a force."""
-
 BINARY = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%", ast.Pow: "**",
     ast.MatMult: "@", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^", ast.LShift: "<<", ast.RShift: ">>",
@@ -29,8 +26,7 @@ _COMPARE = {
     ast.IsNot: "is not", ast.In: "in", ast.NotIn: "not in",
 }  # fmt: skip
 _FACTORIES = frozenset(f"torch.{name}" for name in ("arange", "eye", "full", "linspace", "ones", "tensor", "zeros"))
-_CONSTRUCTORS = ("torch.Tensor", "torch.FloatTensor")
-_NORM_ORDERS = {'"fro"': "2", "None": "2", 'float("inf")': "math.inf"}
+_METHODS_WRITTEN_ANEW = ("norm", "cross", "type", "bool")
 _PATHS = {
     **{f"{module}.{name}": f"math.{name}" for module in ("torch", "numpy") for name in ("pi", "e", "inf", "nan")},
     "torch.concatenate": "torch.cat",
@@ -98,12 +94,14 @@ class Expressions:
 
     def _name(self, node: ast.Name) -> str:
         name = node.id
-        if name in self._local or name in self._program.constants:
+        if name in self._local:
             return name
         if name in self._program.helpers:
             return FUNCTION + name
         if name in self._variables:
             return VARIABLE + name
+        if name in self._program.constants:
+            return name
         if name in self._modules:
             return _path_text(self._modules[name])
         return self._helper(name)
@@ -122,7 +120,9 @@ class Expressions:
         if isinstance(node.value, ast.Name) and node.value.id == "self":
             if node.attr in self._program.helpers:
                 return FUNCTION + node.attr
-            return VARIABLE + node.attr if node.attr in self._variables else self._helper(node.attr)
+            if node.attr in self._variables:
+                return VARIABLE + node.attr
+            return node.attr if node.attr in self._program.constants else self._helper(node.attr)
         return f"{self.text(node.value)}.{node.attr}"
 
     def _subscript(self, node: ast.Subscript) -> str:
@@ -134,10 +134,13 @@ class Expressions:
         return f"{lower}:{upper}" + (f":{step}" if step else "")
 
     def _binop(self, node: ast.BinOp) -> str:
-        return f"({self.text(node.left)} {BINARY[type(node.op)]} {self.text(node.right)})"
+        sides = [self.text(side) for side in (node.left, node.right)]
+        left, right = (f"({side})" if side[0] in "-~" else side for side in sides)
+        return f"({left} {BINARY[type(node.op)]} {right})"
 
     def _unaryop(self, node: ast.UnaryOp) -> str:
-        text = _UNARY[type(node.op)] + self.text(node.operand)
+        operand = self.text(node.operand)
+        text = _UNARY[type(node.op)] + (f"({operand})" if operand[0] in "-~" else operand)
         # A negative number stays bare: TorchScript takes it for a constant then, as dim=-1 must be.
         is_number = isinstance(node.operand, ast.Constant) and not isinstance(node.op, ast.Not)
         return text if is_number else f"({text})"
@@ -208,57 +211,24 @@ class Expressions:
             return f"torch.jit.annotate({type_text(node.args[0])}, {self.text(node.args[1])})"
         keywords = {keyword.arg or "": self.text(keyword.value) for keyword in node.keywords}
         function = self.text(node.func)
-        if isinstance(node.func, ast.Attribute) and not path and node.func.attr in ("norm", "cross", "type"):
+        if function == "dict" and not arguments:
+            return "{" + ", ".join(f"{text_literal(name)}: {value}" for name, value in keywords.items()) + "}"
+        if function == "list" and not arguments:
+            return "[]"
+        if isinstance(node.func, ast.Attribute) and not path and node.func.attr in _METHODS_WRITTEN_ANEW:
             function, owner = f"torch.{node.func.attr}", self.text(node.func.value)
             arguments = [owner, *arguments]
-        function, arguments = self._plain_form(function, arguments, keywords, node)
+        is_list = len(node.args) == 1 and isinstance(node.args[0], ast.List | ast.Tuple)
+        function, arguments, helper = plain_form(function, arguments, keywords, is_list)
+        if helper:
+            self.used.add(helper)
+            function = VARIABLE + helper
         if function in _FACTORIES and self.device:
             keywords.setdefault("device", self.device)
         own = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
         if function == FUNCTION + own:
             arguments = [VARIABLE + name for name in self._needs[own]] + arguments
         return f"{function}({', '.join([*arguments, *(f'{name}={text}' for name, text in keywords.items())])})"
-
-    def _plain_form(
-        self, function: str, arguments: list[str], keywords: dict[str, str], node: ast.Call
-    ) -> tuple[str, list[str]]:
-        """Returns function and arguments of a call in a form that TorchScript knows."""
-        if function == "torch.norm":
-            return self._norm(arguments, keywords)
-        if function == FUNCTIONAL + ".normalize":
-            self.used.add("functional_normalize")
-            if "p" in keywords:
-                keywords["p"] = f"float({keywords['p']})"
-            arguments[1:2] = [f"float({order})" for order in arguments[1:2]]
-            return VARIABLE + "functional_normalize", arguments
-        if function == "torch.cross":
-            # Without a dimension torch.cross takes the first of size 3: the wrong one for three environments.
-            if len(arguments) > 2:
-                keywords["dim"] = arguments.pop(2)
-            return "torch.linalg.cross", arguments
-        if function == "torch.type":
-            return f"{arguments[0]}.to", arguments[1:]
-        if function in _CONSTRUCTORS and len(node.args) == 1 and isinstance(node.args[0], ast.List | ast.Tuple):
-            keywords["dtype"] = "torch.float32"
-            return "torch.tensor", arguments
-        if function == "sum" and len(arguments) == 1 and not keywords:
-            self.used.add("sum")
-            return VARIABLE + "sum", arguments
-        return function, arguments
-
-    def _norm(self, arguments: list[str], keywords: dict[str, str]) -> tuple[str, list[str]]:
-        """Returns torch.norm as the operator that it comes to: its own source takes ten times as long to compile."""
-        given = dict(zip(("input", "p", "dim", "keepdim"), arguments, strict=False)) | keywords
-        order = _NORM_ORDERS.get(given.get("p", '"fro"'), given.get("p", ""))
-        if given.keys() - {"input", "p", "dim", "keepdim"} or not re.fullmatch(r"-?[\d.]+|math\.inf", order):
-            return "torch.norm", arguments
-        keywords.clear()
-        return "torch.linalg.vector_norm", [
-            given["input"],
-            order,
-            given.get("dim", "None"),
-            given.get("keepdim", "False"),
-        ]
 
 
 def _path_text(path: str) -> str:

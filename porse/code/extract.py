@@ -8,36 +8,12 @@ constants, unusual imports) comes along. Line numbers of the reply are kept. Not
 import ast
 import html
 import re
-import textwrap
-import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.code.contract import (
-    FUNCTION_NAMES,
-    HELPERS,
-    MAX_REPLY_CHARACTERS,
-    MAX_SOURCE_LINES,
-    MODULES,
-    NAME_PATTERN,
-    Kind,
-    words,
-)
+from porse.code.contract import FUNCTION_NAMES, HELPERS, MAX_REPLY_CHARACTERS, MAX_SOURCE_LINES, NAME_PATTERN, Kind
 from porse.code.scan import Chunk, chunks, parse_source
+from porse.code.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
 from porse.code.verdict import CodeError
-
-_DECORATORS = re.compile(
-    r"@\s*(torch\.jit\.(script|script_if_tracing|export|_script_if_tracing)|torch\.(no_grad|inference_mode)(\(\s*\))?|"
-    r"jit\.script|script|staticmethod|classmethod)\s*(#.*)?"
-)
-_USUAL_IMPORTS = {
-    ("torch", "torch"),
-    ("math", "math"),
-    ("torch.nn.functional", "F"),
-    ("torch.nn", "nn"),
-    ("numpy", "np"),
-}
-_FORBIDDEN = words("exec eval open compile __import__ globals locals vars getattr setattr delattr input breakpoint")
 
 
 @dataclass(frozen=True)
@@ -77,27 +53,22 @@ def extract(reply: str, kind: Kind) -> Extracted:
     lines = _clean_lines(reply)
     functions = [_parse_chunk(chunk) for chunk in chunks(lines)]
     main = _choose(functions, kind)
-    outside = _outside(lines, functions, main.chunk.region)
-    _refuse_hostile(main, outside)
-    return _assemble(main, functions, outside)
+    around = surroundings(lines, {number for f in functions for number in f.chunk.lines})
+    refuse_hostile(main.chunk.region, around)
+    return _assemble(main, functions, around)
 
 
 def _clean_lines(reply: str) -> list[str]:
-    """Returns the lines of the reply with line ends, tabs, quotes of mail and escapes of HTML made plain."""
+    """Returns the lines of the reply with line ends, blanks, quotes of mail and escapes of HTML made plain."""
     if len(reply) > MAX_REPLY_CHARACTERS:
         raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
-    text = reply.replace("\r\n", "\n").replace("\r", "\n").replace("\ufeff", "").replace("\u00a0", " ")
-    if re.search(r"-&gt;|&lt;|&gt;|&quot;|&#39;", text):
+    text = re.sub(r"\r\n?", "\n", reply)
+    text = re.sub(r"[\u200b\u200d\u2060\ufeff\u00ad]", "", text).replace("\u00a0", " ")
+    if re.search(r"&(gt|lt|quot|#39);", text):
         text = html.unescape(text)
     lines = [line.rstrip() for line in text.split("\n")]
     if any(re.match(r">\s+(def|@)", line) for line in lines):
         lines = [re.sub(r"^>\s?", "", line) for line in lines]
-    for number, line in enumerate(lines, start=1):
-        bad = next((c for c in line if c != "\t" and not c.isprintable()), None)
-        if bad is not None and re.match(r"\s", line[:1] or " "):
-            raise CodeError(
-                "extract", f"line {number} holds the invisible character U+{ord(bad):04X}; write plain text", number
-            )
     return lines
 
 
@@ -120,7 +91,7 @@ def _choose(functions: list[_Function], kind: Kind) -> _Function:
     named = [f for f in functions if f.chunk.name in FUNCTION_NAMES[kind]]
     alike = [f for f in functions if re.fullmatch(NAME_PATTERN[kind], f.chunk.name)]
     foreign = {*FUNCTION_NAMES[other]}
-    called = {name for f in functions if f.tree for name in _names(f.tree)}
+    called = {name for f in functions if f.tree for name in names_read(f.tree)}
     lone = [
         f
         for f in functions
@@ -149,83 +120,7 @@ def _choose(functions: list[_Function], kind: Kind) -> _Function:
     raise CodeError("return", f"the function {broken.chunk.name} returns nothing", broken.chunk.lines[0])
 
 
-def _names(tree: ast.AST) -> Iterator[str]:
-    """Yields every name and attribute that a tree reads."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name):
-            yield node.id
-        elif isinstance(node, ast.Attribute):
-            yield node.attr
-
-
-@dataclass(frozen=True)
-class _Outside:
-    """What stands beside the functions: single-line imports and constants, and the statements of the winning block."""
-
-    imports: list[tuple[int, str, ast.Import | ast.ImportFrom]]
-    constants: dict[str, tuple[int, str]]
-    hostile: list[tuple[int, str]]
-
-
-def _outside(lines: list[str], functions: list[_Function], region: int) -> _Outside:
-    inside = {number for f in functions for number in f.chunk.lines}
-    from porse.code.scan import regions
-
-    found = _Outside([], {}, [])
-    for number, (line, where) in enumerate(zip(lines, regions(lines), strict=True), start=1):
-        text = line.strip()
-        if number in inside or not text or text.startswith(("#", "@")):
-            continue
-        node = _single_statement(text)
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            found.imports.append((number, text, node))
-        elif isinstance(node, ast.Assign | ast.AnnAssign) and _constant_name(node):
-            found.constants[_constant_name(node)] = (number, text)
-        if node is not None and where == region:
-            names = set(_names(node))
-            bad = sorted(n for n in names if n in _FORBIDDEN or n.startswith("__"))
-            if bad:
-                found.hostile.append((number, bad[0]))
-    return found
-
-
-def _single_statement(text: str) -> ast.stmt | None:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            body = ast.parse(text[:500]).body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
-    return body[0] if len(body) == 1 else None
-
-
-def _constant_name(node: ast.Assign | ast.AnnAssign) -> str:
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-    if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
-        return ""
-    allowed = (ast.Constant, ast.UnaryOp, ast.USub, ast.List, ast.Tuple, ast.Load, ast.BinOp, ast.operator)
-    return targets[0].id if all(isinstance(n, allowed) for n in ast.walk(node.value)) else ""
-
-
-def _modules(node: ast.Import | ast.ImportFrom) -> list[str]:
-    return [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or "."]
-
-
-def _refuse_hostile(main: _Function, outside: _Outside) -> None:
-    """Refuses decorators, imports and statements beside the function that a reward has no use for."""
-    for number, text in main.chunk.decorators:
-        if not _DECORATORS.fullmatch(text.strip()):
-            raise CodeError("static", f"the decorator {text.strip()} is not allowed; the function needs none", number)
-    for number, text, node in outside.imports:
-        if any(name.split(".")[0] not in MODULES for name in _modules(node)):
-            raise CodeError(
-                "static", f"the import line {text!r} is not allowed; only torch, math and typing are offered", number
-            )
-    for number, name in outside.hostile:
-        raise CodeError("static", f"the name {name} is not allowed anywhere in the code", number)
-
-
-def _assemble(main: _Function, functions: list[_Function], outside: _Outside) -> Extracted:
+def _assemble(main: _Function, functions: list[_Function], around: Surroundings) -> Extracted:
     """Returns the main function with the helpers, constants and unusual imports that it reads, directly or not."""
     by_name = {f.chunk.name: f for f in functions if f.tree is not None}
     needed: dict[str, _Function] = {}
@@ -234,37 +129,21 @@ def _assemble(main: _Function, functions: list[_Function], outside: _Outside) ->
     while queue:
         tree = queue.pop().tree
         assert tree is not None  # chosen and looked-up functions have parsed
-        for name in _names(tree):
+        for name in names_read(tree):
             names.add(name)
             helper = by_name.get(name)
             if helper is not None and name != main.chunk.name and name not in needed:
                 needed[name] = helper
                 queue.append(helper)
-    parts: list[tuple[int, str]] = []
-    for number, text, node in outside.imports:
-        unusual = isinstance(node, ast.Import) and any(
-            a.asname and (a.name, a.asname) not in _USUAL_IMPORTS and a.asname in names for a in node.names
-        )
-        chosen = isinstance(node, ast.ImportFrom) and any(
-            (a.asname or a.name) in names
-            and (f"{node.module}.{a.name}", a.asname or a.name) not in _USUAL_IMPORTS
-            and (node.module or "").split(".")[0] in ("torch", "math", "numpy")
-            and a.name != "Tensor"
-            for a in node.names
-        )
-        if unusual or chosen:
-            parts.append((number, text))
-    for name, (number, text) in outside.constants.items():
-        if name in names:
-            parts.append((number, text))
-    chosen_functions = sorted(needed.values(), key=lambda f: f.chunk.lines[0])
-    for function in [*chosen_functions, main]:
+    parts = [(number, text) for number, text, _ in around.imports_of(names)]
+    parts += [line for name, line in around.constants.items() if name in names]
+    for function in [*sorted(needed.values(), key=lambda f: f.chunk.lines[0]), main]:
+        refuse_decorators(function.chunk)
         if parts:
             parts.append((function.chunk.lines[0], ""))
         parts.extend(zip(function.chunk.lines, function.chunk.text, strict=True))
     if len(parts) > MAX_SOURCE_LINES:
-        raise CodeError(
-            "extract", f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}", parts[0][0]
-        )
-    source = "\n".join(text for _, text in parts) + "\n"
-    return Extracted(textwrap.dedent(source), tuple(number for number, _ in parts), main.chunk.name)
+        message = f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}"
+        raise CodeError("extract", message, parts[0][0])
+    source = "".join(f"{text}\n" for _, text in parts)
+    return Extracted(source, tuple(number for number, _ in parts), main.chunk.name)

@@ -26,6 +26,7 @@ _ALLOWED = (
     | _INTERNAL
     | {f"{module}_{name}" for module in ("linalg", "special") for name in TORCH_MODULES[module]}
     | TORCH_MODULES["nn.functional"]
+    | {f"{name}_" for name in TORCH_MODULES["nn.functional"]}  # behind inplace=True
 )
 _PRIM = words("""
     ComprehensionScope Constant DictConstruct If ListConstruct ListUnpack Loop NumToTensor Print RaiseException
@@ -52,7 +53,7 @@ def line_of(node: Any) -> int:
 
 
 def flatten(function: Any) -> Any:
-    """Returns a copy of a compiled function's graph, checked, with calls inlined and constants folded.
+    """Returns a copy of a compiled function's graph, checked, with calls inlined and numbers folded; what nothing needs is gone.
 
     Raises:
         CodeError: an operator is not on the list; check "static".
@@ -61,13 +62,14 @@ def flatten(function: Any) -> Any:
     torch._C._set_graph_executor_optimize(False)
     graph = function.graph.copy()
     for _ in range(_MAX_CALL_DEPTH):
+        if not any(node.kind() == "prim::CallFunction" for node in nodes(graph)):
+            break
         torch._C._jit_pass_inline(graph)
     _check_operators(graph)
     for _ in range(_FOLDING_ROUNDS):
         # Numbers, texts and their lists only: folding tensors would run operators before anything has limited them.
         _fold_numbers(graph)
         torch._C._jit_pass_peephole(graph, False)
-        torch._C._jit_pass_dce(graph)
     return graph
 
 

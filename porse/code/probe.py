@@ -25,6 +25,8 @@ from porse.variables import Variable
 
 _MAX_ANSWER = 100_000
 _OUT_OF_MEMORY = 3
+_ending: list[int] = []
+"""Processes that have answered and have been told to end."""
 
 
 Load = Callable[[dict[str, Any]], tuple[Sequence[Variable], Mapping[str, Any]]]
@@ -48,7 +50,7 @@ def serve(load: Load) -> None:
     for line in sys.stdin.buffer:
         request = json.loads(line)
         if "source" in request:
-            _serve(request, variables, values, limits, lambda verdict: say(asdict(verdict)))
+            say(asdict(_serve(request, variables, values, limits)))
             continue
         try:
             variables, values = load(request)
@@ -68,9 +70,8 @@ def _serve(
     variables: Sequence[Variable],
     values: Mapping[str, Any],
     limits: Limits,
-    answer: Callable[[Verdict], None],
-) -> None:
-    """Answers with the verdict of a process of its own on one function."""
+) -> Verdict:
+    """Returns the verdict of a process of its own on one function."""
     read_end, write_end = os.pipe()
     child = os.fork()
     if child == 0:
@@ -88,12 +89,13 @@ def _serve(
     text, in_time = _read(read_end, limits.wall_s)
     os.close(read_end)
     found = _parse(text)
-    if found is not None:  # the answer goes out before the process has been taken apart, which takes longer
-        answer(found)
     os.kill(child, signal.SIGKILL)
-    _, status = os.waitpid(child, 0)
     if found is None:
-        answer(_verdict_of_end(in_time, status, limits))
+        _, status = os.waitpid(child, 0)
+        return _verdict_of_end(in_time, status, limits)
+    _ending.append(child)  # taking it apart takes longer than the function did, and nobody needs to wait for it
+    _ending[:] = [process for process in _ending if os.waitpid(process, os.WNOHANG)[0] == 0]
+    return found
 
 
 def _read(pipe: int, wall_s: float) -> tuple[bytes, bool]:

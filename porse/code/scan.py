@@ -116,6 +116,10 @@ def parse_source(source: str) -> ast.Module:
     Raises:
         CodeError: it is no Python, or too large; check "syntax" with the line of `source`.
     """
+    hidden = next((c for c in source if c != "\n" and not c.isprintable()), "")
+    if hidden:
+        line = source[: source.index(hidden)].count("\n") + 1
+        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
     tree = _parse(source, "exec", 1)
     assert isinstance(tree, ast.Module)
     return tree

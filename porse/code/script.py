@@ -14,9 +14,9 @@ import torch
 
 from porse.code.alias import first_write
 from porse.code.bounds import check_bounds
+from porse.code.calls import FUNCTIONAL
 from porse.code.check import check_program
 from porse.code.emit import Emitted, emit
-from porse.code.expressions import FUNCTIONAL
 from porse.code.graph import flatten, line_of
 from porse.code.program import parse_program
 from porse.code.verdict import Check, CodeError
@@ -33,11 +33,13 @@ class Script:
         graph: the flat graph of its operators.
         lines: for each line of the text that was compiled, the line of the source, 0 for lines of our own.
         arguments: the task variable of each argument, in order.
+        unit: what the graph was compiled in. Inlined operators point into it when they fail, so it must live as long.
     """
 
     graph: Any
     lines: tuple[int, ...]
     arguments: tuple[str, ...]
+    unit: Any
 
     def callable(self) -> Any:
         """Returns a function that runs the graph."""
@@ -52,22 +54,22 @@ def script(source: str, variables: Mapping[str, Variable]) -> Script:
     """
     program = parse_program(source)
     emitted = emit(program, check_program(program, variables), variables)
-    return Script(_graph(emitted), emitted.lines, emitted.arguments)
-
-
-def _graph(emitted: Emitted) -> Any:
-    """Returns the graph of an emitted text, held against the rules for graphs."""
     unit = torch._C.CompilationUnit()
+    return Script(_graph(unit, emitted), emitted.lines, emitted.arguments, unit)
+
+
+def _graph(unit: Any, emitted: Emitted) -> Any:
+    """Returns the graph of an emitted text, held against the rules for graphs."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
             unit.define(emitted.text, lambda name: cast(Any, _NAMESPACE.get(name)))
             graph = flatten(unit.find_function(emitted.name))
             check_bounds(graph)
-    except RuntimeError as error:
-        raise translate(error, emitted.lines, "compile") from None
     except CodeError as error:
         raise CodeError(error.check, str(error), _source_line(emitted.lines, error.line)) from None
+    except Exception as error:  # whatever TorchScript raises, it does not take the text
+        raise translate(error, emitted.lines, "compile") from None
     write = first_write(graph)
     if write is not None:
         name = emitted.arguments[write[0]]

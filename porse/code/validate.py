@@ -40,25 +40,39 @@ def validate(
         states: real states of the task, written by `save_states`.
         limits: what one function may use.
     """
+    screened = [screen(submission, variables) for submission in submissions]
+    if all(isinstance(found, Verdict) for found in screened):
+        return [(found, "") for found in screened if isinstance(found, Verdict)]
     with Sandbox(limits) as sandbox:
         sandbox.load(states, variables)
-        return [judge(submission, variables, sandbox) for submission in submissions]
+        return [_probe(found, s.kind, sandbox) for found, s in zip(screened, submissions, strict=True)]
 
 
 def judge(submission: Submission, variables: Sequence[Variable], sandbox: Sandbox) -> tuple[Verdict, str]:
     """Returns the verdict on one submission and its normalised source, "" when it did not pass."""
+    return _probe(screen(submission, variables), submission.kind, sandbox)
+
+
+def screen(submission: Submission, variables: Sequence[Variable]) -> Extracted | Verdict:
+    """Returns the code of a submission, or the verdict when extraction or the static check refuses it already."""
     try:
         extracted = extract(submission.reply, submission.kind)
     except CodeError as error:
-        return Verdict(False, error.check, str(error), error.line), ""
+        return Verdict(False, error.check, str(error), error.line)
     try:
         check_program(parse_program(extracted.source), {v.name: v for v in variables})
     except CodeError as error:
-        return Verdict(False, error.check, str(error), _reply_line(extracted, error.line)), ""
-    verdict = sandbox.probe(extracted.source, submission.kind)
+        return Verdict(False, error.check, str(error), _reply_line(extracted, error.line))
+    return extracted
+
+
+def _probe(screened: Extracted | Verdict, kind: Kind, sandbox: Sandbox) -> tuple[Verdict, str]:
+    if isinstance(screened, Verdict):
+        return screened, ""
+    verdict = sandbox.probe(screened.source, kind)
     if verdict.passed:
-        return verdict, extracted.source
-    return Verdict(False, verdict.check, verdict.message, _reply_line(extracted, verdict.line)), ""
+        return verdict, screened.source
+    return Verdict(False, verdict.check, verdict.message, _reply_line(screened, verdict.line)), ""
 
 
 def _reply_line(extracted: Extracted, line: int) -> int:

@@ -20,7 +20,7 @@ _XML = """
   <compiler angle="radian" autolimits="true"/>
   <option timestep="0.005" integrator="implicitfast"/>
   <default>
-    <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" rgba="0.3 0.3 0.35 1"/>
+    <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.01 1" rgba="0.3 0.3 0.35 1"/>
     <joint damping="{damping}"/>
     <site group="4" rgba="1 0 0 0"/>
     <position kp="{stiffness}" forcerange="-{effort} {effort}"/>

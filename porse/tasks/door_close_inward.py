@@ -1,4 +1,8 @@
-"""DoorCloseInward: push two open panels, which stand toward the hands, shut."""
+"""DoorCloseInward: push two open panels, which stand toward the hands, shut.
+
+Departure: the panels start at rest; the original starts them at 1.57 rad/s into their stops, and MuJoCo's stops would
+give that speed back.
+"""
 
 from typing import ClassVar
 

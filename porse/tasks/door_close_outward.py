@@ -1,4 +1,8 @@
-"""DoorCloseOutward: catch the handles of two panels that stand open away from the hands, and pull them shut."""
+"""DoorCloseOutward: catch the handles of two panels that stand open away from the hands, and pull them shut.
+
+Departure: the panels start at rest; the original starts them at 1.57 rad/s into their stops, and MuJoCo's stops would
+give that speed back.
+"""
 
 from typing import ClassVar
 

@@ -1,8 +1,7 @@
 """The base of the four door tasks: a double door in a fixed frame, and two hands that reach for its handles.
 
 The separation of the handles along y says how far the door is open: 0.067 m closed, 0.77 to 0.93 m wide open. The hinges
-have a little friction; gravity does not act on the panels, as in the original. Departure: open panels start at rest;
-the original starts them at 1.57 rad/s into their stops, and MuJoCo's stops would give that speed back.
+have a little friction; gravity does not act on the panels, as in the original.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Humanoid: a capsule figure runs as fast as it can along +x.
 
 After the Isaac Gym task of that name. Departures: the joints' springs act, as MuJoCo reads the original's model file
-(whether they do in the original is not known); parts of the figure meet the floor only; foot forces are MuJoCo's force
-and torque sensors.
+(whether they do in the original is not known); four physics steps a control step instead of two; parts of the figure
+meet the floor only; foot forces are MuJoCo's force and torque sensors.
 """
 
 import math
@@ -39,7 +39,7 @@ class Humanoid(Task):
     EPISODE_LENGTH: ClassVar[int] = 1000
     TIME_LIMIT: ClassVar[int] = 999
     CONTROL_DT: ClassVar[float] = 0.0166
-    SUBSTEPS: ClassVar[int] = 2
+    SUBSTEPS: ClassVar[int] = 4
     OBSERVATION_CLIP: ClassVar[float] = 5.0
     FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata")
     MEASURED: ClassVar[tuple[str, ...]] = ("dof_force_tensor", "vec_sensor_tensor", "potentials", "prev_potentials")

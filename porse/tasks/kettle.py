@@ -1,4 +1,8 @@
-"""Kettle (PourWater): one hand tilts a kettle over a bucket that the other hand holds."""
+"""Kettle (PourWater): one hand tilts a kettle over a bucket that the other hand holds.
+
+Departure: the water is 8 balls of 1 cm radius instead of 30 of half a centimetre, which are too small for this time
+step; no ball enters a reward. As in the original, the bucket's point lies 10 cm below the bucket.
+"""
 
 import math
 from typing import ClassVar
@@ -18,7 +22,7 @@ POURING = 0.05
 
 DROPS = 8
 DROP_RADIUS = 0.01
-"""The water: the original has 30 balls of half the radius, too small for this time step; none enters a reward."""
+"""The water."""
 
 
 class Kettle(FreeHandTask):

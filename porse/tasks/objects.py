@@ -19,8 +19,11 @@ Vector = tuple[float, float, float]
 LINK_EULER: Vector = (math.pi / 2, 0.0, -math.pi / 2)
 """Turn of an object's links in the frame of its base."""
 
-DRIVE_SHARE = 0.0
-"""Share of the joint springs that the original sets on doors, pen and bottle; its drive mode says that they are off."""
+SPIN_INERTIA = 2e-5
+"""Inertia (kg m2) added to free objects: slim ones would otherwise spin up without bound between two fingers."""
+
+FIRM = (0.95, 0.99, 0.001, 0.5, 2.0)
+"""Impedance of an object's contacts: MuJoCo's default lets a hand press a light object centimetres into a table."""
 
 HAND_BIT = 1
 OBJECT_BIT = 8
@@ -53,7 +56,7 @@ def add_base(
     """Adds the base of an object, free or fixed."""
     base = spec.worldbody.add_body(name=name, pos=position, quat=shadow.quaternion_of(euler))
     if free:
-        base.add_freejoint(name=name)
+        base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE, armature=SPIN_INERTIA)
     return base
 
 
@@ -90,7 +93,7 @@ def add_rod(
     """Adds a cylinder between two points (m, the body's frame)."""
     body.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end], size=[radius, 0, 0], mass=mass,
-        friction=[friction, 0.005, 0.0001], priority=1, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
+        friction=[friction, 0.005, 0.0001], priority=1, solimp=FIRM, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
         rgba=_STEEL,
     )  # fmt: skip
 
@@ -154,6 +157,6 @@ def _add(
 ) -> None:
     """Adds a geom that hands, tables and the floor meet."""
     body.add_geom(
-        name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1,
+        name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1, solimp=FIRM,
         condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=_STEEL,
     )  # fmt: skip

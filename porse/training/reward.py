@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from porse.code.compile import MappingFunction, RewardFunction
+from porse.code.verdict import CodeError
 from porse.exploration import VisitCounts
 
 
@@ -70,8 +71,8 @@ class CandidateReward:
         try:
             goal, components = self._goal(variables)
             progress, _, names = self._mapping(variables)
-        except RuntimeError as error:
-            raise CandidateFailed(f"its function raised in training: {_last_line(error)}") from error
+        except CodeError as error:
+            raise CandidateFailed(f"its function raised in training: {error}") from error
         if not bool(torch.isfinite(goal).all()):
             raise CandidateFailed(_not_finite(goal, components))
         bonus = self._visits.bonus(torch.stack(list(progress), dim=1))
@@ -117,8 +118,3 @@ def _not_finite(goal: Tensor, components: Mapping[str, Tensor]) -> str:
     share = 1.0 - torch.isfinite(goal).float().mean().item()
     guilty = [name for name, value in sorted(components.items()) if not bool(torch.isfinite(value).all())]
     return f"its reward was not finite in {share:.1%} of the environments (components: {', '.join(guilty) or 'none'})"
-
-
-def _last_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__

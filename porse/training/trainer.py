@@ -10,7 +10,6 @@ from pathlib import Path
 
 import torch
 from rsl_rl.algorithms import PPO
-from tensordict import TensorDict
 
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import TrainParams
@@ -19,7 +18,7 @@ from porse.tasks.base import Task
 from porse.training.ppo import build_ppo
 from porse.training.reward import Reward
 from porse.training.snapshot import arrays, load_optimizer, load_policy, optimizer_arrays, policy_arrays, tensors
-from porse.training.vecenv import TaskEnv
+from porse.training.vecenv import TaskEnv, observation_groups
 
 Progress = Callable[[int, float], None]
 """Told after each epoch: the epoch and the fitness."""
@@ -37,7 +36,7 @@ class EpochRow:
 def draw_policy(num_observations: int, num_actions: int, params: TrainParams, seed: int) -> Checkpoint:
     """Returns a random policy of the task's sizes, theta_random, drawn from `seed`."""
     torch.manual_seed(seed)
-    observations = TensorDict({"policy": torch.zeros(params.num_envs, num_observations)}, batch_size=[params.num_envs])
+    observations = observation_groups(torch.zeros(params.num_envs, num_observations))
     return policy_checkpoint(policy_arrays(build_ppo(observations, num_actions, params)))
 
 

@@ -16,6 +16,11 @@ from porse.tasks.base import Task
 from porse.training.reward import EpochMeans, Reward
 
 
+def observation_groups(observations: Tensor) -> TensorDict:
+    """Returns observations `(num_envs, observations)` as rsl_rl wants them: one group, for actor and critic."""
+    return TensorDict({"policy": observations}, batch_size=[len(observations)])
+
+
 class TaskEnv(VecEnv):
     """rsl_rl's view of a task and a reward.
 
@@ -41,7 +46,7 @@ class TaskEnv(VecEnv):
 
     def get_observations(self) -> TensorDict:
         """Returns the observations, {"policy": (num_envs, observations)}, of the states as they are."""
-        return TensorDict({"policy": self.task.observations()}, batch_size=[self.num_envs])
+        return observation_groups(self.task.observations())
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Moves all environments by one control step.

@@ -1,0 +1,135 @@
+"""What stands beside the functions of a reply: imports, constants, and statements that no reward has a use for.
+
+None of it is ever executed. Constants and unusual imports that the function needs come along; what only an attack would
+write is refused, so that it is seen.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from porse.code.contract import MODULES, words
+from porse.code.program import DEFAULT_MODULES
+from porse.code.scan import Chunk, parse_source, regions
+from porse.code.verdict import CodeError
+
+Import = ast.Import | ast.ImportFrom
+
+_DECORATORS = re.compile(
+    r"@\s*((torch\.)?jit\.(script|script_if_tracing|export)|script|staticmethod|classmethod|"
+    r"torch\.(no_grad|inference_mode)(\(\s*\))?)\s*(#.*)?"
+)
+_HOSTILE = words("""
+    __import__ breakpoint builtins classes compile connect cpp_extension ctypes delattr eval exec from_file getattr
+    globals hub importlib input load load_library locals open ops os pickle popen remove rmtree save setattr shutil
+    socket subprocess sys system unlink urllib urlopen vars
+    """)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The statements of one line beside the functions.
+
+    Attributes:
+        imports: line number, text and tree of each import.
+        constants: line number and text of each constant, by name; the last one of a name.
+        others: line number, stretch of the reply and tree of every statement.
+    """
+
+    imports: list[tuple[int, str, Import]]
+    constants: dict[str, tuple[int, str]]
+    others: list[tuple[int, int, ast.stmt]]
+
+    def imports_of(self, names: set[str]) -> list[tuple[int, str, Import]]:
+        """Returns the imports that bind one of `names` otherwise than is usual."""
+        return [found for found in self.imports if _unusual(found[2]) & names]
+
+
+def surroundings(lines: list[str], inside: set[int]) -> Surroundings:
+    """Returns what stands beside the functions, whose line numbers are `inside`."""
+    found = Surroundings([], {}, [])
+    for number, (line, region) in enumerate(zip(lines, regions(lines), strict=True), start=1):
+        text = line.strip()
+        node = None if number in inside or not text or text.startswith(("#", "@")) else _statement(text)
+        if node is None:
+            continue
+        found.others.append((number, region, node))
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found.imports.append((number, text, node))
+        elif isinstance(node, ast.Assign | ast.AnnAssign) and _constant_name(node):
+            found.constants[_constant_name(node)] = (number, text)
+    return found
+
+
+def refuse_decorators(chunk: Chunk) -> None:
+    """Refuses decorators other than the usual ones, which are left out.
+
+    Raises:
+        CodeError: there is one; check "static", with the line of the reply.
+    """
+    for number, text in chunk.decorators:
+        if not _DECORATORS.fullmatch(text.strip()):
+            raise CodeError("static", f"the decorator {text.strip()} is not allowed; the function needs none", number)
+
+
+def refuse_hostile(region: int, around: Surroundings) -> None:
+    """Refuses imports and statements in the function's own block that only an attack would write.
+
+    Raises:
+        CodeError: there is one; check "static", with the line of the reply.
+    """
+    for number, where, node in around.others:
+        if where != region:
+            continue
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            for module in _modules(node):
+                if module.split(".")[0] not in MODULES:
+                    message = f"the import of {module} is not allowed; only torch, math and typing are offered"
+                    raise CodeError("static", message, number)
+        hostile = sorted(n for n in names_read(node) if n in _HOSTILE or n.startswith("__"))
+        if hostile:
+            raise CodeError("static", f"the name {hostile[0]} is not allowed anywhere in the code", number)
+
+
+def names_read(tree: ast.AST) -> Iterator[str]:
+    """Yields every name and attribute that a tree reads."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+
+
+def _statement(text: str) -> ast.stmt | None:
+    try:
+        body = parse_source(text[:500]).body
+    except CodeError:
+        return None
+    return body[0] if len(body) == 1 else None
+
+
+def _constant_name(node: ast.Assign | ast.AnnAssign) -> str:
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+    if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
+        return ""
+    allowed = (ast.Constant, ast.UnaryOp, ast.USub, ast.List, ast.Tuple, ast.Load, ast.BinOp, ast.operator)
+    return targets[0].id if all(isinstance(n, allowed) for n in ast.walk(node.value)) else ""
+
+
+def _modules(node: Import) -> list[str]:
+    return [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or "."]
+
+
+def _unusual(node: Import) -> set[str]:
+    """Returns the names that an import binds to something of torch, math or numpy, but for the usual ones."""
+    prefix = f"{node.module}." if isinstance(node, ast.ImportFrom) else ""
+    pairs = [(alias.asname or alias.name, prefix + alias.name) for alias in node.names]
+    return {
+        name
+        for name, path in pairs
+        if path.split(".")[0] in ("torch", "math", "numpy")
+        and DEFAULT_MODULES.get(name) != path
+        and path != "torch.Tensor"
+        and "." not in name
+    }

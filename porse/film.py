@@ -1,0 +1,70 @@
+"""A task in motion: frames under a policy or random actions, written as .gif or shown in MuJoCo's viewer."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import imageio.v3 as imageio
+import torch
+from torch import Tensor
+
+from porse.checkpoint import read_checkpoint
+from porse.config import Params
+from porse.tasks.base import Task
+from porse.tasks.picture import Pixels, first_simulation, picture
+from porse.training.ppo import build_ppo
+from porse.training.snapshot import load_policy
+from porse.training.vecenv import observation_groups
+
+WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25
+SEED = 0
+
+Actor = Callable[[Tensor], Tensor]
+"""Observations `(num_envs, observations)` -> actions `(num_envs, actions)`."""
+
+
+def random_actor(task: Task) -> Actor:
+    """Returns random actions, the same ones each time."""
+    generator = torch.Generator().manual_seed(SEED)
+    return lambda _: 2.0 * torch.rand(task.num_envs, task.NUM_ACTIONS, generator=generator) - 1.0
+
+
+def policy_actor(task: Task, checkpoint: Path, params: Params) -> Actor:
+    """Returns the mean action of the policy in a file."""
+    content = read_checkpoint(checkpoint)
+    ppo = build_ppo(observation_groups(task.observations()), task.NUM_ACTIONS, params.train)
+    load_policy(ppo, content, checkpoint)
+    ppo.eval_mode()
+    return lambda observations: ppo.actor(observation_groups(observations))
+
+
+def _steps(task: Task, actor: Actor, seconds: float) -> Iterator[int]:
+    """Plays and yields the number of each control step; ended episodes begin anew."""
+    with torch.inference_mode():
+        for step in range(int(seconds / task.control_dt)):
+            task.step(actor(task.observations()))
+            task.reset(task.terminated() | task.timed_out())
+            yield step
+
+
+def write_gif(path: Path, task: Task, actor: Actor, seconds: float) -> None:
+    """Plays for so many seconds and writes what is seen."""
+    every = max(1, round(1.0 / (FRAMES_PER_SECOND * task.control_dt)))
+    frames: list[Pixels] = [picture(task, WIDTH, HEIGHT)]
+    frames += [picture(task, WIDTH, HEIGHT) for step in _steps(task, actor, seconds) if step % every == every - 1]
+    imageio.imwrite(path, frames, duration=1000.0 * every * task.control_dt, loop=0)
+
+
+def view(task: Task, actor: Actor, seconds: float) -> None:
+    """Plays in MuJoCo's viewer, in real time, until the time is over or the window is closed."""
+    import mujoco.viewer
+
+    model, data = first_simulation(task)
+    with mujoco.viewer.launch_passive(model, data) as viewer:
+        for _ in _steps(task, actor, seconds):
+            first_simulation(task, data)
+            mujoco.mj_forward(model, data)
+            viewer.sync()
+            time.sleep(task.control_dt)
+            if not viewer.is_running():
+                return

@@ -1,0 +1,139 @@
+"""Hostile replies, by name. CANARY stands for a file that must not come to exist or be read."""
+# ruff: noqa: RUF001 (look-alikes are the point)
+
+_HEAD = "def compute_reward(a, b):\n    x = a[:, 0] + b[:, 0]\n"
+_TAIL = '    return x, {"x": x}\n'
+
+
+def _body(*lines: str) -> str:
+    return _HEAD + "".join(f"    {line}\n" for text in lines for line in text.split("\n")) + _TAIL
+
+
+def _around(*lines: str) -> str:
+    return "\n".join(lines) + "\n" + _body()
+
+
+ATTACKS: dict[str, str] = {
+    # Files and the outside.
+    "open_read": _body('y = open("CANARY").read()'),
+    "open_write": _body('open("CANARY", "w").write("x")'),
+    "torch_save": _body('torch.save(x, "CANARY")'),
+    "torch_load": _body('y = torch.load("CANARY")'),
+    "torch_from_file": _body('y = torch.from_file("CANARY", shared=True, size=100)'),
+    "torch_jit_load": _body('y = torch.jit.load("CANARY")'),
+    "torch_ops": _body('y = torch.ops.aten.from_file("CANARY", True, 100)'),
+    "torch_ops_library": _body('torch.ops.load_library("CANARY")'),
+    "torch_classes": _body('torch.classes.load_library("CANARY")'),
+    "torch_hub": _body('torch.hub.load("CANARY", "x")'),
+    "torch_c": _body("torch._C._jit_set_profiling_mode(True)"),
+    "torch_cpp_extension": _body('torch.utils.cpp_extension.load(name="x", sources=["CANARY"])'),
+    "numpy_tofile": _body('x.numpy().tofile("CANARY")'),
+    "numpy_save": _body('np.save("CANARY", x)'),
+    "storage": _body("y = x.untyped_storage().data_ptr()"),
+    "hook": _body("x.register_hook(print)"),
+    # Python itself.
+    "import_top": _around("import os", 'os.system("touch CANARY")'),
+    "import_top_unused": _around("import subprocess"),
+    "import_inside": _body("import os", 'os.system("touch CANARY")'),
+    "import_from": _body("from os import system", 'system("touch CANARY")'),
+    "import_alias": _body("import torch as math", 'math.save(x, "CANARY")'),
+    "import_renamed": _body("from torch import save as exp", 'exp(x, "CANARY")'),
+    "dunder_import": _body('__import__("os").system("touch CANARY")'),
+    "exec": _body("exec(\"open('CANARY', 'w')\")"),
+    "eval": _body("y = eval(\"open('CANARY', 'w')\")"),
+    "compile": _body('y = compile("1", "CANARY", "exec")'),
+    "getattr": _body('getattr(torch, "save")(x, "CANARY")'),
+    "globals": _body('globals()["__builtins__"]["open"]("CANARY", "w")'),
+    "builtins": _body('__builtins__.open("CANARY", "w")'),
+    "dunder_walk": _body("y = ().__class__.__bases__[0].__subclasses__()"),
+    "dunder_of_tensor": _body("y = x.__class__.__init__.__globals__"),
+    "dunder_of_module": _body("y = torch.__dict__"),
+    "underscore_of_torch": _body("y = torch._utils"),
+    "top_level_call": _around('torch.save(torch.zeros(1), "CANARY")'),
+    "top_level_exec": _around("exec(\"open('CANARY', 'w')\")"),
+    # Places where Python evaluates before it runs.
+    "decorator": '@open("CANARY", "w").write\n' + _body(),
+    "decorator_of_helper": '@open("CANARY", "w").write\ndef h(y):\n    return y\n' + _body("x = h(x)"),
+    "decorator_inside": _body('@open("CANARY", "w").write\ndef h(y):\n    return y', "x = h(x)"),
+    "default_argument": _body().replace("(a, b)", '(a, b, t=open("CANARY", "w"))'),
+    "default_of_helper": 'def h(y, t=open("CANARY", "w")):\n    return y\n' + _body("x = h(x)"),
+    "default_of_lambda": _body('h = lambda y, t=open("CANARY", "w"): y', "x = h(x)"),
+    "annotation": _body().replace("(a, b)", '(a: open("CANARY", "w"), b)'),
+    "annotation_of_result": _body().replace("(a, b)", '(a, b) -> open("CANARY", "w")'),
+    "annotation_as_text": _body().replace("(a, b)", "(a: \"open('CANARY', 'w')\", b)"),
+    "annotation_of_local": _body('y: open("CANARY", "w") = 1.0'),
+    "constant": _around('T = open("CANARY", "w")').replace("a[:, 0] +", "T * a[:, 0] +"),
+    "class_body": "class R:\n    y = open('CANARY', 'w')\n" + "".join(f"    {line}\n" for line in _body().splitlines()),
+    "inner_class": _body("class R:\n    y = open('CANARY', 'w')"),
+    "docstring_goes_on": _body('"""Text.""" + open("CANARY", "w").read()'),
+    "fstring": _body("y = f\"{open('CANARY', 'w')}\""),
+    "fstring_format": _body("y = f\"{x:{open('CANARY', 'w')}}\""),
+    "format_dunder": _body('y = "{0.__class__.__init__.__globals__}".format(x)'),
+    "percent": _body('y = "%s" % x'),
+    "print": _body('print(open("CANARY", "w"))'),
+    "assert": _body('assert open("CANARY", "w")'),
+    "walrus": _body('y = (z := open("CANARY", "w"))'),
+    "comprehension": _body('y = [open("CANARY", "w") for i in range(3)]'),
+    "with": _body('with open("CANARY", "w") as f:\n    y = 1'),
+    "star": _body('y = torch.cat(*[open("CANARY", "w")])'),
+    "double_star": _body('y = torch.zeros(3, **{"out": x})'),
+    "yield": _body("yield x"),
+    "async": _body().replace("def", "async def"),
+    "global": _body("global torch", "torch = 1.0"),
+    "shadow_torch": _body("torch = x"),
+    "reserved_prefix": _body("porse_f_compute_reward = x"),
+    "raise": _body("raise SystemExit"),
+    "set_attribute": _body("x.data = a"),
+    "set_self": _body("self.root = x").replace("(a, b)", "(self, a, b)"),
+    "delete_attribute": _body("del x.data"),
+    "state_of_torch": _body("torch.set_num_threads(64)"),
+    "seed_of_torch": _body("torch.manual_seed(1)"),
+    "random_numbers": _body("x = x + torch.rand(x.shape[0])"),
+    # Names that look like others.
+    "full_width": _body("ｏｐｅｎ('CANARY', 'w')"),
+    "cyrillic": _body("y = tоrch.exp(x)"),
+    "mathematical_letters": _body("y = torch.𝓼𝓪𝓿𝓮(x, 'CANARY')"),
+    "right_to_left": _body("y = 1.0  # \u202e )'w' ,'CANARY'(nepo"),
+    "null_character": _body("y = 1.0\0"),
+    # Time, memory, size.
+    "while": _body("while True:\n    x = x + 1"),
+    "long_loop": _body("for i in range(1000000000):\n    x = x + 1"),
+    "deep_loops": _body(
+        "for i in range(900):\n    for j in range(900):\n        for k in range(900):\n            x = x + 1"
+    ),
+    "loop_over_data": _body("for i in range(int(x.sum() * 1e9)):\n    x = x + 1"),
+    "recursion": _body().replace("a[:, 0] +", "compute_reward(a, b)[0] +"),
+    "recursion_of_helpers": "def g(y):\n    return h(y)\ndef h(y):\n    return g(y)\n" + _body("x = h(x)"),
+    "doubling": _body("for i in range(60):\n    x = torch.cat([x, x])"),
+    "doubling_when_far": _body("if x.mean() > 1e6:\n    for i in range(60):\n        x = torch.cat([x, x])"),
+    "doubling_in_large_runs": _body("if a.shape[0] > 3000:\n    for i in range(60):\n        x = torch.cat([x, x])"),
+    "doubling_text": _body('s = "ab"', "for i in range(60):\n    s = s + s"),
+    "doubling_list": _body("y = [x]", "for i in range(60):\n    for z in y:\n        y.append(z)", "x = x + len(y)"),
+    "huge_tensor": _body("y = torch.zeros(1000000, 1000000)", "x = x + y.sum()"),
+    "huge_range": _body("y = torch.arange(100000000000)", "x = x + y.sum()"),
+    "huge_repeat": _body("y = x.repeat(1000000, 1000)", "x = x + y.sum()"),
+    "size_from_data": _body("y = torch.zeros(int(x.abs().sum() * 1e12))", "x = x + y.sum()"),
+    "size_from_item": _body("y = torch.zeros(int(x.sum().item()) + 1000)", "x = x + y.sum()"),
+    "range_from_data": _body("y = torch.arange(float(x.abs().sum()) * 1e12)", "x = x + y.sum()"),
+    "huge_list": _body("y = [0] * 10000000000"),
+    "huge_integer": _body(f"y = {'9' * 5000}"),
+    "power_tower": _body("y = 9 ** 9 ** 9 ** 9", "x = x * y"),
+    "deep_brackets": _body(f"y = {'(' * 500}1{')' * 500}"),
+    "deep_minus": _body(f"y = {'-' * 5000}1"),
+    "long_reply": "# filler\n" * 50_000 + _body(),
+    # The task's own state.
+    "write_input": _body("a[:, 0] = 1e9"),
+    "write_input_through_view": _body("y = a.view(-1)", "y.fill_(0.0)"),
+    "write_input_in_loop_that_may_not_run": _body(
+        "y = a", "for i in range(a.shape[0] - 2048):\n    y = y + 1", "y[:] = 0.0"
+    ),
+    "write_input_from_dictionary": _body('d = {"a": a}', 'd["a"][:, 0] = 1e9'),
+    "write_input_with_out": _body("y = torch.exp(b, out=a)"),
+}
+
+HARMLESS_LOOKALIKES: dict[str, str] = {
+    "docstring_with_code": _HEAD.replace("\n", '\n    """\n    import os; os.system("touch CANARY")\n    """\n', 1)
+    + _TAIL,
+    "comment_with_code": _body('# open("CANARY", "w")'),
+}
+"""Text that is never run: accepted, and nothing of it takes effect."""

@@ -1,0 +1,48 @@
+"""Variables, states and small sources that the tests of generated code share."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from porse.variables import Variable
+
+
+def variable(name: str, *shape: int, kind: str = "tensor") -> Variable:
+    """Returns a variable of which only name, kind and shape matter."""
+    return Variable(name, kind, shape, "1", "world", "for a test")  # type: ignore[arg-type]
+
+
+VARIABLES = [
+    variable("a", 3),
+    variable("b", 3),
+    variable("q", 4),
+    variable("bodies", 5, 13),
+    variable("steps"),
+    variable("scale", kind="float"),
+    variable("handle", kind="int"),
+    variable("num_envs", kind="int"),
+    variable("device", kind="device"),
+]
+"""Small names for tests that are about the language and not about a task."""
+
+
+def values(rows: int = 16, variables: Sequence[Variable] = VARIABLES, seed: int = 0) -> dict[str, Any]:
+    """Returns states drawn at random: uniform in (-1, 1), unit quaternions for shape (4,), counts for `steps`."""
+    generator = torch.Generator().manual_seed(seed)
+    plain = {"int": 2, "float": 0.5, "device": torch.device("cpu")}
+    drawn: dict[str, Any] = {}
+    for v in variables:
+        tensor = 2.0 * torch.rand(rows, *v.shape, generator=generator) - 1.0
+        unit = tensor / torch.linalg.vector_norm(tensor, dim=-1, keepdim=True) if v.shape == (4,) else tensor
+        drawn[v.name] = plain.get(v.kind, unit)
+    for name in ("steps", "progress_buf"):
+        if name in drawn:
+            drawn[name] = torch.arange(rows)
+    return drawn | {"num_envs": rows}
+
+
+def reward(*body: str, arguments: str = "a, b", result: str = 'x, {"x": x}') -> str:
+    """Returns the source of a reward with these lines as its body."""
+    lines = "".join(f"    {line}\n" for text in body for line in text.split("\n"))
+    return f"def compute_reward({arguments}):\n{lines}    return {result}\n"

@@ -1,0 +1,85 @@
+"""What a user can get wrong ends in one paragraph that says what was expected, what was found and what to do."""
+
+import importlib
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from porse.pool import policy_file
+from porse.tables import CANDIDATES, FEEDBACK, write
+
+GENERATE = ["--iteration", "1", "--start", "start", "--prompts", "prompts", "--cache", "llm_cache", "--out", "out"]
+
+
+@pytest.fixture
+def project(root, tmp_path, monkeypatch):
+    """A folder with the committed parameters, prompts and replies, and an iteration's start."""
+    for name in ("prompts", "llm_cache"):
+        shutil.copytree(root / name, tmp_path / name)
+    shutil.copy(root / "params.yaml", tmp_path)
+    write(tmp_path / "start" / "winner.parquet", CANDIDATES, [])
+    write(tmp_path / "start" / "feedback.parquet", FEEDBACK, [])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PORSE_LLM_MODE", raising=False)
+    return tmp_path
+
+
+def stage(name, *words):
+    return CliRunner().invoke(importlib.import_module(f"stages.{name}").main, list(words))
+
+
+def change(project, before, after):
+    path = project / "params.yaml"
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+
+
+def test_the_committed_project_generates_from_its_recorded_replies(project):
+    done = stage("generate", *GENERATE)
+    assert done.exit_code == 0, done.output
+    assert (project / "out" / "replies.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("task: Quadcopter", "task: Quadcoper", ["'Quadcoper'", "Quadcopter", "porse tasks"]),
+        ("method: porse", "method: eureka", ["method", "porse", "eureka"]),
+        ("seed: 1\n", "", ["parameter seed", "found none"]),
+        ("temperature: 1.0", "temperature: 5", ["llm.temperature", "[0, 2]", "5"]),
+        ("temperature: 1.0", "temperature: 0.5", ["llm_cache", "iteration 1", "temperature", "porse llm export"]),
+        ("gamma: 0.99", "gamma: [", ["YAML", "params.yaml"]),
+    ],
+)
+def test_a_wrong_parameter_stops_the_stage_in_one_paragraph(project, before, after, words):
+    change(project, before, after)
+    done = stage("generate", *GENERATE)
+    assert done.exit_code == 1
+    assert [word for word in words if word not in done.output] == []
+    assert len(done.output.strip().splitlines()) == 1
+    assert not (project / "out").exists()
+
+
+def test_an_edited_reply_is_not_believed(project):
+    for record in (project / "llm_cache").rglob("*.json"):
+        record.write_text(record.read_text().replace("distance", "Distance"))
+    done = stage("generate", *GENERATE)
+    assert done.exit_code == 1
+    assert "cannot be trusted" in done.output
+    assert not (project / "out").exists()
+
+
+def test_a_stage_without_its_input_says_which_stage_makes_it(project):
+    done = stage("eliminate", "--iteration", "1", "--rung", "1", "--trained", "nowhere", "--out", "out")
+    assert done.exit_code == 1
+    assert "run `dvc repro` to make it" in done.output
+
+
+def test_an_unknown_rung_is_named(project):
+    write(project / "pool" / "candidates.parquet", CANDIDATES, [])
+    (project / "pool" / "curves.parquet").touch()
+    done = stage("train_population", "--iteration", "1", "--rung", "9", "--pool", "pool", "--out", "out")
+    assert done.exit_code == 1
+    assert not policy_file(project / "out", "x").parent.exists()

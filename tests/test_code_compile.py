@@ -1,0 +1,256 @@
+"""Compiled functions: numbers that can be checked with a pencil, TorchScript's oddities, and errors with lines."""
+
+import math
+import warnings
+
+import pytest
+import torch
+
+from code_cases import VARIABLES, reward, values
+from porse.code.check import check_program
+from porse.code.compile import compile_mapping, compile_reward, plain_name
+from porse.code.emit import emit
+from porse.code.program import parse_program
+from porse.code.verdict import CodeError
+
+BOTH = pytest.mark.parametrize("portable", [False, True])
+
+
+def run(source, portable=False, rows=4, **given):
+    """Returns the total reward of a source on random states, some of them given."""
+    return compile_reward(source, VARIABLES, portable)(values(rows) | given)[0]
+
+
+@BOTH
+def test_a_reward_is_total_and_components_by_name(portable):
+    source = reward("d = torch.norm(a - b, dim=-1)", "r = torch.exp(-d / 0.5)", result='2 * r, {"near": r, "d": d}')
+    function = compile_reward(source, VARIABLES, portable)
+    states = values(2) | {"a": torch.tensor([[3.0, 0, 0], [0, 0, 0]]), "b": torch.tensor([[0.0, 4.0, 0], [0, 0, 0]])}
+    total, components = function(states)
+    # |(3, -4, 0)| = 5 and exp(-10); the second pair is at the same place
+    assert list(components) == ["near", "d"]
+    assert components["d"].tolist() == [5.0, 0.0]
+    assert total.tolist() == pytest.approx([2 * math.exp(-10), 2.0])
+
+
+def test_arguments_are_task_variables_in_the_order_of_the_function():
+    assert compile_reward(reward("x = b[:, 0] + a[:, 0]", arguments="b, a"), VARIABLES, False).arguments == ("b", "a")
+
+
+def test_a_method_takes_what_it_reads():
+    source = "def mapping_function(self):\n    return [self.dist(self.b, self.a)], [False], ['d']\n"
+    function = compile_mapping(source, VARIABLES, False)
+    assert function.arguments == ("a", "b")
+    assert (function.names, function.rises) == (("d",), (False,))
+
+
+def test_the_original_indexing_by_body_handle_works():
+    source = (
+        "def mapping_function(self):\n"
+        "    p = self.bodies[:, self.handle][:, 0:3]\n"
+        "    return [p[:, 1]], [True], ['y']\n"
+    )
+    states = values(3)
+    progress, _, _ = compile_mapping(source, VARIABLES, False)(states)
+    assert torch.equal(progress[0], states["bodies"][:, 2, 1])
+
+
+@BOTH
+def test_rotation_distance_is_the_angle_between_the_rotations(portable):
+    half = math.sqrt(0.5)
+    turns = torch.tensor([[0.0, 0.0, 0.0, 1.0], [half, 0.0, 0.0, half], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, -1.0]])
+    here = torch.tensor([[0.0, 0.0, 0.0, 1.0]]).repeat(4, 1)
+    variables = [*VARIABLES[:2], VARIABLES[2], VARIABLES[2].__class__("g", "tensor", (4,), "1", "world", "")]
+    source = "def mapping_function(q, g):\n    return rot_dist(q, g), False, 'turn'\n"
+    (angle,), _, _ = compile_mapping(source, variables, portable)({"q": turns, "g": here})
+    # none, a quarter turn about x, half a turn about y, and the same rotation written with the other sign
+    assert angle.tolist() == pytest.approx([0.0, math.pi / 2, math.pi, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("expression", "expected"),
+    [
+        ("2 ** 3 ** 2", 512),
+        ("-2 ** 2", -4),
+        ("(-2) ** 2", 4),
+        ("7 // 2 * 2", 6),
+        ("2 - 3 - 4", -5),
+        ("8 / 4 / 2", 1),
+        ("1 if num_envs > 3 else 2", 1),
+        ("1.0 if 0 < num_envs < 3 else 2.0", 2),
+        ("1.0 if 10 > num_envs > 3 > 2 else 2.0", 1),
+        ("1.0 if not num_envs == 4 or num_envs == 5 else 2.0", 2),
+        ("float(num_envs % 3)", 1),
+        ("[1.0, 2.0, 3.0][-1]", 3),
+        ("{'k': 4.0}['k']", 4),
+        ("float(len([a, b]))", 2),
+        ("math.pi", math.pi),
+        ("np.pi", math.pi),
+        ("torch.pi", math.pi),
+        ("1e-3 * 1E3", 1),
+        ("float(0x10)", 16),
+        ("scale", 0.5),
+        ("float(True)", 1),
+        ("float(3 & 5 | 8)", 9),
+        ("float(1 << 4)", 16),
+    ],
+)
+def test_expressions_mean_what_they_mean_in_python(expression, expected):
+    total = run(reward("x = a[:, 0] * 0 + (" + expression + ")", arguments="a, b, num_envs, scale"))
+    assert total.tolist() == pytest.approx([expected] * 4)
+
+
+def test_tensor_comparisons_in_brackets_are_elementwise():
+    states = {"a": torch.tensor([[0.5, 0, 0], [1.5, 0, 0]])}
+    assert run(reward("x = ((a[:, 0] > 0) & (a[:, 0] < 1)).float()"), rows=2, **states).tolist() == [1.0, 0.0]
+
+
+def test_cross_takes_the_last_dimension_even_for_three_environments():
+    states = {"a": torch.eye(3), "b": torch.eye(3).roll(1, 0)}
+    total = run(reward("x = torch.cross(a, b).sum(dim=-1)"), rows=3, **states)
+    assert torch.equal(total, torch.linalg.cross(states["a"], states["b"], dim=-1).sum(-1))
+
+
+@pytest.mark.parametrize(
+    ("source", "device"),
+    [
+        (reward("x = a[:, 0] + torch.zeros(a.shape[0])"), "a.device"),
+        (reward("x = a[:, 0] + torch.zeros(3, device=device)", arguments="a, device"), "device"),
+        ("def compute_reward(self):\n    return self.q[:, 0] * torch.tensor(2.0), {}\n", "porse_q.device"),
+        ("def h(y, n: int):\n    return y + torch.ones(n)\n" + reward("x = h(a[:, 0], 3)"), "y.device"),
+    ],
+)
+def test_new_tensors_are_made_on_the_device_of_the_inputs(source, device):
+    table = {variable.name: variable for variable in VARIABLES}
+    program = parse_program(source)
+    assert f"device={device})" in emit(program, check_program(program, table), table).text
+
+
+def test_integer_defaults_become_what_they_are_annotated_as():
+    source = reward("x = a[:, 0] * 0 + t / 2 + u", arguments="a, b, t: float = 1, u=2")
+    assert run(source).tolist() == [2.5] * 4
+
+
+def test_components_become_float_vectors():
+    source = reward("x = a[:, 0]", result='x.double(), {"mean": x.mean(), "on": x > 0}')
+    total, components = compile_reward(source, VARIABLES, False)(values(4))
+    assert {value.dtype for value in (total, *components.values())} == {torch.float32}
+    assert {value.shape for value in (total, *components.values())} == {(4,)}
+
+
+@BOTH
+@pytest.mark.parametrize("rows", [1, 7, 1024])
+def test_calls_give_the_same_bits_however_often_they_are_made(portable, rows):
+    source = reward(
+        "d = torch.norm(a - b, dim=-1)",
+        "m = torch.eye(3)",
+        "y = torch.mm(a, m) + torch.mm(b, m) + torch.mm(a, m.t()) + torch.mm(b, m.t())",
+        "x = torch.exp(-d / 0.1) * 0.3 + d * 0.7 - (d * d + 1.0) / (d + 2.0)",
+        "for i in range(3):\n    x = x + torch.tanh(d) * 0.1 + torch.sqrt(d) + y.sum(-1)",
+    )
+    function = compile_reward(source, VARIABLES, portable)
+    states = values(rows)
+    with torch.inference_mode():
+        results = [function(states)[0] for _ in range(50)]
+    fresh = compile_reward(source, VARIABLES, portable)(states)[0]
+    assert all(torch.equal(result, results[0]) for result in results)
+    assert torch.equal(fresh, results[0])
+
+
+def test_the_optimiser_is_off_even_if_somebody_switches_it_on():
+    function = compile_reward(reward("x = a[:, 0] + b[:, 0]"), VARIABLES, False)
+    torch._C._set_graph_executor_optimize(True)
+    function(values())
+    assert not torch._C._get_graph_executor_optimize()
+
+
+def test_compilation_and_calls_give_no_warnings():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(reward("x = F.huber_loss(a, b, reduction='none').sum(-1) + F.normalize(a, dim=-1)[:, 0]"))
+
+
+@pytest.mark.parametrize(
+    ("body", "check", "line", "says"),
+    [
+        ("x = a[:, 0]\n\ny = x + 'z'", "type", 4, "str"),
+        ("x = torch.clamp(a[:, 0], 0, 1, 2)", "type", 2, "clamp"),
+        ("x = a[:, 0] + z\nz = 1.0", "compile", 2, "z"),
+        ("x = a[:, 0]\nfor i in range(2):\n    x.append(i)", "compile", 4, "append"),
+    ],
+)
+def test_what_torchscript_refuses_has_the_line_of_the_source(body, check, line, says):
+    with pytest.raises(CodeError, match=says) as error:
+        compile_reward(reward(body), VARIABLES, False)
+    assert (error.value.check, error.value.line) == (check, line)
+    assert "porse_" not in str(error.value)
+    assert "File" not in str(error.value)
+
+
+def test_what_fails_in_a_run_has_the_line_of_the_source():
+    function = compile_reward(reward("x = a[:, 0]", "", "x = x + torch.zeros(9)"), VARIABLES, False)
+    with pytest.raises(CodeError, match="must match the size") as error:
+        function(values(4))
+    assert (error.value.check, error.value.line) == ("run", 4)
+
+
+def test_what_fails_in_a_helper_has_the_line_of_the_helper():
+    source = "def h(y):\n    return y[:, 7]\n" + reward("x = h(a)")
+    with pytest.raises(CodeError, match="out of range") as error:
+        compile_reward(source, VARIABLES, False)(values(4))
+    assert error.value.line == 2
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "a += 1\nx = a[:, 0]",
+        "x = a[:, 0]\nx *= 2",
+        "y = a\ny[0, 0] = 1.0\nx = y[:, 0]",
+        "y = a.reshape(-1)\ny.zero_()\nx = a[:, 0]",
+        "y, z, w = a.unbind(-1)\nz.add_(1.0)\nx = y",
+        "d = {'a': a}\nd['a'][0] = 1.0\nx = a[:, 0]",
+        "ys = [a, b * 1]\nfor y in ys:\n    y[0] = 0.0\nx = a[:, 0]",
+        "y = a.to(torch.float32)\ny[0] = 0.0\nx = y[:, 0]",
+        "if scale > 0:\n    y = a\nelse:\n    y = a * 1\ny[0] = 0.0\nx = y[:, 0]",
+        "y = a\nfor i in range(num_envs - 4):\n    y = y + 1\ny[0] = 0.0\nx = y[:, 0]",
+        "y = a.contiguous()\ny.clamp_(0.0, 1.0)\nx = y[:, 0]",
+    ],
+)
+def test_changing_an_input_is_found_through_every_chain(body):
+    with pytest.raises(CodeError, match=r"input a in place; work on a\.clone\(\)") as error:
+        compile_reward(reward(body, arguments="a, b, scale, num_envs"), VARIABLES, False)
+    assert error.value.check == "inplace"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "x = torch.zeros_like(a[:, 0])\nx += a[:, 0]\nx[x > 0.5] = 1.0",
+        "y = a.clone()\ny[:, 0] = 0.0\nx = y[:, 0]",
+        "x = a.sum(-1)\nx[b[:, 0] > 0] = 0.0\nx *= 2\nx.clamp_(0, 1)",
+        "ys = [a * 1, b * 1]\nfor y in ys:\n    y[0] = 0.0\nx = ys[0][:, 0]",
+        "x = torch.where(a[:, 0] > 1, a[:, 0], b[:, 0])\nx[0] = 1.0",
+        "x = a\nx = x[:, 0] + 1\nx -= b[:, 0]",
+        "x, i = torch.max(a, dim=-1)\nx += 1",
+    ],
+)
+def test_changing_tensors_of_its_own_is_accepted(body):
+    states = values(4)
+    before = {name: states[name].clone() for name in ("a", "b")}
+    compile_reward(reward(body), VARIABLES, False)(states)
+    assert all(torch.equal(before[name], states[name]) for name in before)
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [
+        ("near", "near"),
+        ("near target (m)", "near_target_m"),
+        ("  a--b ", "a_b"),
+        ("é", "unnamed"),
+        ("x" * 99, "x" * 64),
+    ],
+)
+def test_names_become_plain(name, plain):
+    assert plain_name(name) == plain

@@ -1,0 +1,95 @@
+"""Extraction: which function of a reply is taken, what comes along, and the lines that it stood on."""
+
+import pytest
+
+from porse.code.extract import extract
+from porse.code.verdict import CodeError
+
+PLAIN = "def compute_reward(a):\n    return a, {}\n"
+
+
+def test_a_bare_function_is_its_own_source():
+    found = extract(PLAIN, "reward")
+    assert (found.source, found.lines, found.name) == (PLAIN, (1, 2), "compute_reward")
+
+
+def test_lines_are_those_of_the_reply():
+    found = extract(f"Here it is.\n\n```python\nimport torch\n{PLAIN}```\n", "reward")
+    assert found.source == PLAIN
+    assert found.lines == (5, 6)
+
+
+def test_decorators_imports_and_prose_stay_behind():
+    reply = (
+        "from typing import Dict\n\n    @torch.jit.script\n    def compute_reward(a):\n        return a, {}\n\nDone."
+    )
+    found = extract(reply, "reward")
+    assert found.source == PLAIN
+    assert found.lines == (4, 5)
+
+
+def test_windows_line_ends_and_tabs_are_made_plain():
+    assert extract("def compute_reward(a):\r\n\treturn a, {}\r\n", "reward").source == PLAIN
+
+
+def test_a_closing_bracket_at_the_margin_does_not_end_the_function():
+    source = "def compute_reward(\n    a,\n):\n    x = [\n1, 2,\n]\n    return a, {}\n"
+    assert extract(f"{source}\nAnd so on.", "reward").source == source
+
+
+def test_text_in_triple_quotes_does_not_end_or_begin_a_function():
+    source = 'def compute_reward(a):\n    """Text\ndef compute_reward(b):\n    """\n    return a, {}\n'
+    assert extract(source, "reward").source == source
+
+
+def test_comments_at_the_margin_do_not_end_the_function():
+    source = "def compute_reward(a):\n    x = a\n# why\n    return x, {}\n"
+    assert extract(source, "reward").source == source
+
+
+def test_helpers_and_constants_come_along_when_they_are_read():
+    reply = "T = 0.5\nU = 1.0\n\ndef unused(x):\n    return x\n\ndef h(x):\n    return x / T\n\ndef compute_reward(a):\n    return h(a), {}\n"
+    found = extract(reply, "reward")
+    assert found.source == "T = 0.5\n\ndef h(x):\n    return x / T\n\ndef compute_reward(a):\n    return h(a), {}\n"
+    assert found.lines == (1, 7, 7, 8, 10, 10, 11)
+
+
+def test_unusual_imports_come_along():
+    reply = "import torch\nimport torch.nn.functional as fn\ndef compute_reward(a):\n    return fn.relu(a), {}\n"
+    assert extract(reply, "reward").source.startswith("import torch.nn.functional as fn\n\ndef")
+
+
+@pytest.mark.parametrize(
+    ("names", "chosen"),
+    [
+        (["compute_reward", "compute_reward_two"], "compute_reward"),
+        (["reward_function", "helper"], "reward_function"),
+        (["compute_kettle_reward"], "compute_kettle_reward"),
+        (["shaped"], "shaped"),
+    ],
+)
+def test_right_names_come_before_names_like_it_and_a_lone_function(names, chosen):
+    reply = "\n".join(f"def {name}(a):\n    return a, {{}}\n" for name in names)
+    assert extract(reply, "reward").name == chosen
+
+
+def test_the_last_complete_function_wins():
+    first, second = PLAIN, PLAIN.replace("{}", '{"x": a}')
+    assert extract(f"```\n{first}```\nbetter:\n```\n{second}```", "reward").source == second
+    assert extract(f"```\n{first}```\nor:\n```\ndef compute_reward(a):\n    return (a,", "reward").source == first
+
+
+@pytest.mark.parametrize(
+    ("reply", "check", "line", "says"),
+    [
+        ("", "extract", 0, "no function at all"),
+        ("def mapping_function(self):\n    return self.a\n", "extract", 0, "found mapping_function"),
+        ("text\n```\ndef compute_reward(a):\n    x = = a\n    return x\n```", "syntax", 4, "x = = a"),
+        ("def compute_reward(a):\n    x = a\n", "return", 1, "returns nothing"),
+        ("x" * 200_001, "extract", 0, "at most 200000"),
+    ],
+)
+def test_a_reply_without_a_usable_function_says_why(reply, check, line, says):
+    with pytest.raises(CodeError, match=says.replace("=", "=")) as error:
+        extract(reply, "reward")
+    assert (error.value.check, error.value.line) == (check, line)

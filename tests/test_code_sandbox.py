@@ -1,0 +1,137 @@
+"""The probe's child process: what it may do, that functions cannot spoil each other, and that it comes back."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+from code_cases import VARIABLES, reward, values
+from porse.code.limits import Limits
+from porse.code.sandbox import ProbeError, Sandbox
+from porse.code.states import save_states
+from porse.code.validate import Submission, validate
+
+GOOD = reward("x = a[:, 0] + b[:, 0]")
+SLOW = reward(
+    "x = a[:, 0]",
+    "m = torch.ones(1500, 1500)",
+    "for i in range(900):\n    m = torch.mm(m, m) / 1500",
+    "x = x + m[0, 0]",
+)
+LARGE = reward("x = a[:, 0] + torch.zeros(a.shape[0], 300, 3000).sum()")
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory):
+    path = tmp_path_factory.mktemp("states") / "states.safetensors"
+    save_states(path, values())
+    return path
+
+
+@pytest.fixture(scope="module")
+def sandbox(states):
+    with Sandbox(Limits(wall_s=30.0, cpu_s=1)) as running:
+        running.load(states, VARIABLES)
+        yield running
+
+
+def test_one_call_judges_all_in_order_and_a_bad_one_spoils_no_other(states):
+    replies = [GOOD, SLOW, GOOD, "no code", LARGE, GOOD]
+    found = validate([Submission(reply, "reward") for reply in replies], VARIABLES, states, Limits(wall_s=1.0))
+    assert [verdict.check for verdict, _ in found] == ["ok", "time", "ok", "extract", "memory", "ok"]
+    assert [bool(source) for _, source in found] == [True, False, True, False, False, True]
+
+
+def test_processor_time_is_limited_where_the_clock_is_not(sandbox):
+    assert sandbox.probe(SLOW, "reward").check == "time"
+
+
+def test_the_same_function_gets_the_same_verdict_again(sandbox):
+    assert sandbox.probe(GOOD, "reward") == sandbox.probe(GOOD, "reward")
+
+
+def test_further_functions_take_a_fraction_of_a_second(sandbox):
+    sandbox.probe(GOOD, "reward")
+    started = time.perf_counter()
+    for _ in range(5):
+        sandbox.probe(GOOD, "reward")
+    assert (time.perf_counter() - started) / 5 < 0.5  # 0.03 on an idle machine
+
+
+def test_states_that_lack_a_variable_are_an_error_that_names_it(sandbox, states, tmp_path):
+    save_states(tmp_path / "states.safetensors", {name: value for name, value in values().items() if name != "q"})
+    with pytest.raises(ProbeError, match="expected the variable q"):
+        sandbox.load(tmp_path / "states.safetensors", VARIABLES)
+    sandbox.load(states, VARIABLES)
+
+
+def test_a_child_that_is_killed_is_replaced(sandbox):
+    assert sandbox.probe(GOOD, "reward").passed
+    os.kill(sandbox._process.pid, signal.SIGKILL)
+    assert sandbox.probe(GOOD, "reward").check == "crash"
+    assert sandbox.probe(GOOD, "reward").passed
+
+
+def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, monkeypatch):
+    monkeypatch.setenv("PORSE_SECRET", "canary")
+    with Sandbox(Limits()) as running:
+        running.load(states, VARIABLES)
+        process, folder = running._process, running._folder.name
+        with open(f"/proc/{process.pid}/environ", "rb") as file:
+            assert b"canary" not in file.read()
+        assert os.readlink(f"/proc/{process.pid}/cwd") == folder
+        assert os.getsid(process.pid) == process.pid
+        assert os.listdir(folder) == []
+    assert process.returncode is not None
+    assert not os.path.exists(folder)
+
+
+_ESCAPES = """
+    import json, os, socket, sys
+    from porse.code.confine import confine
+    from porse.code.limits import Limits
+
+    secret = os.open("/etc/hostname", os.O_RDONLY)
+    read_end, write_end = os.pipe()
+    if os.fork() == 0:
+        tries = {
+            "open a file": lambda: open("/etc/hostname"),
+            "make a file": lambda: os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY),
+            "open a socket": lambda: socket.socket(),
+            "start a process": os.fork,
+            "run a program": lambda: os.execv("/bin/true", ["true"]),
+            "signal its parent": lambda: os.kill(os.getppid(), 0),
+            "read an inherited file": lambda: os.read(secret, 1),
+            "take memory": lambda: bytearray(2**31),
+            "remove a file": lambda: os.unlink(sys.argv[1]),
+            "copy its pipe": lambda: os.dup(write_end),
+        }
+        kind = confine(Limits(memory_mib=256), keep=write_end)
+        done = []
+        for name, attempt in tries.items():
+            try:
+                attempt()
+                done.append(name)
+            except (OSError, MemoryError):
+                pass
+        os.write(write_end, json.dumps([kind, done]).encode())
+        os._exit(0)
+    os.close(write_end)
+    print(os.read(read_end, 10000).decode())
+"""
+
+
+def test_a_confined_process_can_do_nothing_but_answer(tmp_path, root):
+    command = [sys.executable, "-c", textwrap.dedent(_ESCAPES), str(tmp_path / "made")]
+    result = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(root)}, capture_output=True, check=True)
+    kind, done = json.loads(result.stdout)
+    if kind == "filtered":
+        assert done == []
+    else:  # no filter on this kind of machine: the limits of resources still hold
+        assert not {"make a file", "read an inherited file", "take memory", "open a socket"} & set(done)
+    assert not (tmp_path / "made").exists()

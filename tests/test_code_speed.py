@@ -1,0 +1,86 @@
+"""What a validated function costs per call, against the same function scripted by hand."""
+
+import importlib.util
+import statistics
+import time
+import warnings
+
+import pytest
+import torch
+
+from code_cases import VARIABLES, values
+from porse.code.compile import compile_reward
+
+SOURCES = {
+    "short": """
+def compute_reward(a: Tensor, b: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    d = torch.norm(a - b, dim=-1)
+    temperature = 0.1
+    r = torch.exp(-d / temperature)
+    return r, {"r": r}
+""",
+    "usual": """
+def compute_reward(a: Tensor, b: Tensor, q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    distance = torch.norm(a - b, p=2, dim=-1)
+    distance_temperature = 5.0
+    near = torch.exp(-distance_temperature * distance)
+    speed = torch.norm(b, p=2, dim=-1)
+    speed_temperature = 0.5
+    slow = -torch.tanh(speed_temperature * speed)
+    effort = -0.0002 * torch.sum(q ** 2, dim=-1)
+    bonus = torch.where(distance < 0.05, torch.ones_like(distance), torch.zeros_like(distance))
+    total = near + 0.1 * slow + effort + 5.0 * bonus
+    return total, {"near": near, "slow": slow, "effort": effort, "bonus": bonus}
+""",
+    "helpers": """
+def turn(p: Tensor, q: Tensor) -> Tensor:
+    return 1.0 - torch.sum(p * q, dim=-1).abs().clamp(max=1.0)
+
+def compute_reward(a: Tensor, b: Tensor, q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    near = torch.exp(-10.0 * torch.norm(a - b, dim=-1))
+    turned = torch.exp(-2.0 * turn(q, q))
+    return near + 0.5 * turned, {"near": near, "turned": turned}
+""",
+}
+ENVIRONMENTS = 1024
+
+
+def scripted_by_hand(source, folder):
+    """Returns the function as a person would write it: imported from a file and given to torch.jit.script."""
+    path = folder / "by_hand.py"
+    path.write_text(f"import torch\nfrom torch import Tensor\nfrom typing import Dict, Tuple\n{source}")
+    spec = importlib.util.spec_from_file_location("by_hand", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return torch.jit.script(module.compute_reward)
+
+
+def microseconds(call, rounds=40):
+    started = time.perf_counter()
+    for _ in range(rounds):
+        call()
+    return (time.perf_counter() - started) / rounds * 1e6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("portable", [False, True])
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_call_costs_at_most_15_percent_more_than_by_hand(name, portable, tmp_path):
+    """Slow only because it wants the machine for itself. Both take turns, and the best third of the turns counts."""
+    states = values(ENVIRONMENTS)
+    ours = compile_reward(SOURCES[name], VARIABLES, portable)
+    by_hand = scripted_by_hand(SOURCES[name], tmp_path)
+    given = [states[argument] for argument in ours.arguments]
+
+    def hand():
+        torch._C._set_graph_executor_optimize(True)  # as it is by default
+        return by_hand(*given)
+
+    with torch.inference_mode():
+        for call in (hand, lambda: ours(states)):
+            microseconds(call, 200)
+        turns = [(microseconds(hand), microseconds(lambda: ours(states))) for _ in range(60)]
+    best = [statistics.mean(sorted(times)[:20]) for times in zip(*turns, strict=True)]
+    assert best[1] / best[0] <= 1.15

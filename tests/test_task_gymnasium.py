@@ -1,0 +1,70 @@
+"""The gymnasium front: spaces, seeds, ends of episodes, and gymnasium's own checks of what reset and step return."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from porse.errors import TaskError
+from porse.tasks import TASKS
+from porse.tasks.gymnasium_front import TaskVectorEnv, register_tasks
+
+NAMES = sorted(TASKS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_make_vec_gives_an_environment_that_keeps_its_spaces(name):
+    register_tasks()
+    env = gymnasium.make_vec(f"porse/{name}-v0", num_envs=3)
+    try:
+        observations, infos = env.reset(seed=5)
+        assert env.observation_space.contains(observations)
+        assert infos == {}
+        env.action_space.seed(1)
+        for _ in range(5):
+            observations, rewards, terminated, truncated, _ = env.step(env.action_space.sample())
+            assert env.observation_space.contains(observations)
+            assert rewards.shape == terminated.shape == truncated.shape == (3,)
+            assert rewards.dtype == np.float32
+            assert terminated.dtype == truncated.dtype == np.bool_
+        assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    finally:
+        env.close()
+
+
+def test_a_seed_gives_the_same_episode_again():
+    env = TaskVectorEnv("Quadcopter", 4)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(10)]
+    runs = []
+    for _ in range(2):
+        first, _ = env.reset(seed=9)
+        runs.append([first, *(env.step(action)[0] for action in actions)])
+    assert all(np.array_equal(a, b) for a, b in zip(*runs, strict=True))
+    other, _ = env.reset(seed=10)
+    assert not np.array_equal(runs[0][0], other)
+
+
+def test_ended_episodes_begin_anew_and_leave_their_last_observation():
+    env = TaskVectorEnv("Quadcopter", 2)
+    env.reset(seed=0)
+    env._task.progress[0] = env._task.TIME_LIMIT - 1
+    observations, _, terminated, truncated, infos = env.step(np.zeros((2, 12), np.float32))
+    assert truncated.tolist() == [True, False]
+    assert terminated.tolist() == [False, False]
+    assert infos["_final_obs"].tolist() == [True, False]
+    assert not np.array_equal(infos["final_obs"][0], observations[0])
+    assert np.array_equal(infos["final_obs"][1], observations[1])
+
+
+def test_returned_arrays_are_not_reused():
+    env = TaskVectorEnv("Over", 2)
+    first, _ = env.reset(seed=0)
+    kept = first.copy()
+    env.step(np.ones((2, 40), np.float32))
+    assert np.array_equal(first, kept)
+
+
+def test_an_unknown_reward_is_refused():
+    with pytest.raises(TaskError, match="'dense'"):
+        TaskVectorEnv("Quadcopter", 1, reward="dense")

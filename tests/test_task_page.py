@@ -1,0 +1,65 @@
+"""The documented observation ranges are the code's, the page is current, and the pictures show something."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from porse.tasks import TASKS, make_task
+from porse.tasks.layout import layout
+from porse.tasks.page import PICTURES, page
+from porse.tasks.picture import write_png
+
+NAMES = sorted(TASKS)
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_documented_ranges_are_what_the_code_observes(name):
+    task = make_task(name, 2, seed=1)
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(3):
+        task.step(torch.rand(2, task.NUM_ACTIONS, generator=generator) * 2 - 1)
+    seen, values, start = task.compute_observations(), task.variables(), 0
+    for block in layout(TASKS[name]):
+        entries = seen[:, start : start + block.width]
+        start += block.width
+        if block.variable:
+            expected = values[block.variable].flatten(1) if values[block.variable].dim() > 1 else values[block.variable]
+            if block.columns is not None:
+                expected = expected[:, block.columns[0] : block.columns[1]]
+            assert torch.allclose(entries, block.scale * expected), block.meaning
+        if block.meaning == "zeros":
+            assert not entries.any()
+    assert start == task.NUM_OBSERVATIONS
+
+
+def test_dimensions_are_those_of_the_paper():
+    door = (417, 52)
+    expected = {
+        "Quadcopter": (21, 12), "FrankaCabinet": (23, 9), "Anymal": (48, 12), "Humanoid": (108, 21),
+        "Over": (398, 40), "ReOrientation": (422, 40), "CatchAbreast": (422, 52), "CatchOver2Underarm": (422, 52),
+        "CatchUnderarm": (422, 52), "TwoCatchUnderarm": (446, 52), "DoorCloseInward": door, "DoorCloseOutward": door,
+        "DoorOpenInward": door, "DoorOpenOutward": door, "Scissors": door, "SwingCup": door, "Switch": door,
+        "Kettle": door, "LiftUnderarm": door, "Pen": door, "BottleCap": (422, 52), "GraspAndPlace": (425, 52),
+        "BlockStack": (428, 52), "PushBlock": (428, 52),
+    }  # fmt: skip
+    found = {name: (task.NUM_OBSERVATIONS, task.NUM_ACTIONS) for name, task in TASKS.items()}
+    assert {name: sizes for name, sizes in found.items() if name != "SwitchReachable"} == expected
+
+
+def test_the_page_is_current():
+    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(), "run: python -m porse.tasks.page docs"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_task_has_a_picture(name):
+    assert (DOCS / PICTURES / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_png_holds_its_pixels(tmp_path):
+    pixels = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    write_png(tmp_path / "a.png", pixels)
+    imageio = pytest.importorskip("imageio.v3")
+    assert np.array_equal(imageio.imread(tmp_path / "a.png"), pixels)
