@@ -231,8 +231,25 @@ def _check_together(params: Params, where: str) -> None:
         raise ParamsError(
             _wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
         )
+    _check_rungs(params, where)
     if [entry.n for entry in params.iterations] != list(range(1, len(params.iterations) + 1)):
         raise ParamsError(_wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
+
+
+def _check_rungs(params: Params, where: str) -> None:
+    """Raises a ParamsError where a rung reads a pool that is not there yet, or keeps more candidates than it has."""
+    sizes = {"validate-code": params.generate.candidates}
+    for index, rung in enumerate(params.rungs):
+        if rung.pool == "mutate" and params.mutate.pool in sizes:
+            sizes["mutate"] = sizes[params.mutate.pool] + params.mutate.mutants
+        if rung.pool not in sizes:
+            raise ParamsError(_wrong(f"rungs[{index}].pool", f"one of {', '.join(sizes)}", rung.pool, where))
+        if rung.keep > sizes[rung.pool]:
+            expected = f"at most the {sizes[rung.pool]} candidates of {rung.pool}"
+            raise ParamsError(_wrong(f"rungs[{index}].keep", expected, rung.keep, where))
+        sizes[f"eliminate-{rung.rung}"] = rung.keep
+    if sizes.get(params.fuse.pool) != 1:
+        raise ParamsError(_wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))
 
 
 def _convert(value: Any, kind: Any, name: str, where: str) -> Any:

@@ -7,21 +7,21 @@ import click
 from porse import tables
 from porse.pool import read_pool, write_pool
 from porse.search.elimination import rank, score, score_rows, survivor_rows, survivors
-from porse.search.schedule import find_rung
 from porse.stage import StageCommand, begin, folder, say
 
 
 @click.command(cls=StageCommand)
 @click.option("--iteration", required=True, type=int)
 @click.option("--rung", required=True)
+@click.option("--keep", required=True, type=click.IntRange(min=1), help="How many go on.")
 @folder("trained")
 @folder("out")
-def main(iteration: int, rung: str, trained: Path, out: Path) -> None:
+def main(iteration: int, rung: str, keep: int, trained: Path, out: Path) -> None:
     """Writes the scores, the survivors, and the pool of the survivors."""
     params = begin()
     pool = read_pool(trained)
     ranked = rank([score(row, pool.curves, params.eliminate.window) for row in pool.candidates])
-    kept = survivors(ranked, find_rung(params.rungs, rung).keep, f"iteration {iteration}, rung {rung}")
+    kept = survivors(ranked, keep, f"iteration {iteration}, rung {rung}")
     names = {entry.candidate_id for entry in kept}
     tables.write(out / "scores.parquet", tables.SCORES, score_rows(ranked, names, iteration, rung))
     tables.write(out / "survivors.parquet", tables.SURVIVORS, survivor_rows(kept, iteration, rung))

@@ -6,7 +6,6 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-from porse.pool import policy_file
 from porse.tables import CANDIDATES, FEEDBACK, write
 
 GENERATE = ["--iteration", "1", "--start", "start", "--prompts", "prompts", "--cache", "llm_cache", "--out", "out"]
@@ -72,14 +71,6 @@ def test_an_edited_reply_is_not_believed(project):
 
 
 def test_a_stage_without_its_input_says_which_stage_makes_it(project):
-    done = stage("eliminate", "--iteration", "1", "--rung", "1", "--trained", "nowhere", "--out", "out")
+    done = stage("eliminate", "--iteration", "1", "--rung", "1", "--keep", "5", "--trained", "nowhere", "--out", "out")
     assert done.exit_code == 1
     assert "run `dvc repro` to make it" in done.output
-
-
-def test_an_unknown_rung_is_named(project):
-    write(project / "pool" / "candidates.parquet", CANDIDATES, [])
-    (project / "pool" / "curves.parquet").touch()
-    done = stage("train_population", "--iteration", "1", "--rung", "9", "--pool", "pool", "--out", "out")
-    assert done.exit_code == 1
-    assert not policy_file(project / "out", "x").parent.exists()

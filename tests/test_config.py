@@ -46,6 +46,14 @@ def test_the_committed_parameters_load(params):
         ("generate.elites", 6, ["generate.elites", "generate.candidates"]),
         ("train.hidden", [], ["train.hidden", "list"]),
         ("iterations", [{"n": 2, "next": 3}], ["iterations"]),
+        (
+            "rungs",
+            [{"rung": 1, "pool": "validate-code", "until": 1, "keep": 7}],
+            ["rungs[0].keep", "at most the 6", "7"],
+        ),
+        ("rungs", [{"rung": 1, "pool": "eliminate-9", "until": 1, "keep": 1}], ["rungs[0].pool", "validate-code"]),
+        ("rungs", [{"rung": 1, "pool": "validate-code", "until": 1, "keep": 2}], ["fuse.pool", "keeps one"]),
+        ("mutate.pool", "eliminate-4", ["rungs[3].pool", "eliminate-3"]),
     ],
 )
 def test_a_wrong_value_is_named_with_what_was_expected(document, name, value, words):

@@ -167,7 +167,7 @@ def test_every_path_in_a_command_is_a_dep_or_an_out(root, name):
     outs = [out if isinstance(out, str) else next(iter(out)) for out in [*stage["outs"], *stage.get("metrics", [])]]
     words = stage["cmd"].split()
     for option, value in itertools.pairwise(words):
-        if option in {"--iteration", "--rung", "-m"} or not option.startswith("--"):
+        if option in {"--iteration", "--rung", "--until", "--keep", "-m"} or not option.startswith("--"):
             continue
         assert value in [*stage["deps"], *outs], f"{option} {value}"
 

@@ -3,8 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from porse.config import Rung
-from porse.errors import ParamsError, SearchError
+from porse.errors import SearchError
 from porse.search.elimination import Score, rank, score, survivors
 from porse.search.feedback import Series, feedback_rows, shown_series
 from porse.search.fusion import fuse
@@ -35,33 +34,6 @@ def test_the_papers_parameters_cost_18000_epochs_an_iteration_and_90000_in_all(p
 
 def test_odd_iterations_vary_beta_and_even_ones_alpha():
     assert [varied(n) for n in (1, 2, 3, 4, 5)] == ["beta", "alpha", "beta", "alpha", "beta"]
-
-
-@pytest.mark.parametrize(
-    ("index", "change", "words"),
-    [
-        (0, {"keep": 7}, "rung 1 to keep at most its 6"),
-        (1, {"pool": "eliminate-9"}, "pool of rung 2"),
-        (6, {"keep": 1, "pool": "eliminate-3"}, None),
-        (5, {"keep": 2}, None),
-    ],
-)
-def test_rungs_that_do_not_fit_each_other_are_refused(params, index, change, words):
-    rungs = list(params.rungs)
-    rungs[index] = dataclasses.replace(rungs[index], **change)
-    broken = dataclasses.replace(params, rungs=tuple(rungs))
-    if words is None:
-        work(broken)
-    else:
-        with pytest.raises(ParamsError, match=words):
-            work(broken)
-
-
-def test_the_last_rung_must_leave_one(params):
-    rungs = (Rung(1, "validate-code", 1, 2),)
-    fuse_params = dataclasses.replace(params.fuse, pool="eliminate-1")
-    with pytest.raises(ParamsError, match=r"fuse\.pool"):
-        work(dataclasses.replace(params, rungs=rungs, fuse=fuse_params))
 
 
 def curve(name, values, series="fitness"):

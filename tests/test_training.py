@@ -125,7 +125,7 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
     write_pool(tmp_path / "pool", rows, [], {"fused": small_start})
     for count in ("1", "3"):
         monkeypatch.setenv(WORKERS_VARIABLE, count)
-        train_rung(read_pool(tmp_path / "pool"), small, 1, "1", tmp_path / count)
+        train_rung(read_pool(tmp_path / "pool"), small, 1, "1", 2, tmp_path / count)
     assert folder_digest(tmp_path / "1") == folder_digest(tmp_path / "3")
     trained = read_pool(tmp_path / "3")
     after = {row["candidate_id"]: row for row in trained.candidates}
@@ -135,7 +135,7 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
     ranked = rank([score(row, trained.curves, 15) for row in trained.candidates])
     assert ranked[-1].candidate_id == "bad"
     # A candidate that is as old as the rung stays as it is, byte for byte.
-    train_rung(trained, small, 1, "1", tmp_path / "again")
+    train_rung(trained, small, 1, "1", 2, tmp_path / "again")
     assert digest(policy_file(tmp_path / "again", "good")) == digest(policy_file(tmp_path / "3", "good"))
 
 

@@ -6,20 +6,18 @@ from pathlib import Path
 from porse.config import Params
 from porse.identity import seed_for
 from porse.pool import Pool, policy_file, write_pool
-from porse.search.schedule import target_epoch
 from porse.tables import Row
 from porse.training.bar import RungBar
 from porse.training.job import Job, Outcome
 from porse.training.population import train_pool
 
 
-def train_rung(pool: Pool, params: Params, iteration: int, rung: str, out: Path) -> None:
-    """Trains the pool and writes it to `out`.
+def train_rung(pool: Pool, params: Params, iteration: int, rung: str, until: int, out: Path) -> None:
+    """Trains the pool to epoch `until` and writes it to `out`.
 
     A candidate that is as old as the rung already, or that failed before, stays as it is. One that fails now keeps the
     policy that it started the rung from, and its row says why it failed.
     """
-    until = target_epoch(params, rung)
     going = [row for row in pool.candidates if row["epochs"] < until and not row["failure"]]
     # Candidates of one iteration share their draws, so that they differ by their functions and weights alone.
     seed = seed_for(params.seed, "training", iteration)
