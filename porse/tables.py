@@ -120,7 +120,7 @@ CURVES = Table(
         _ITERATION,
         _RUNG,
         _CANDIDATE,
-        Column("series", _TEXT, "fitness, bonus, component/NAME, progress/NAME, episode_length, cells, ..."),
+        Column("series", _TEXT, "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME"),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
         Column("value", _REAL, "mean over environments and the epoch's steps; fitness: at the epoch's last step"),
     ),

@@ -81,4 +81,6 @@ def test_counts_continue_from_a_state():
 def test_an_untouched_counter_has_a_state_too():
     fresh = VisitCounts([True], 100, 0.01)
     fresh.load_state(VisitCounts([True], 100, 0.01).state())
-    assert fresh.visited == 0
+    assert int(fresh.counts.sum()) == 0
+    fresh.bonus(torch.tensor([[1.0]]))
+    assert int(fresh.counts.sum()) == 1

@@ -38,11 +38,6 @@ class VisitCounts:
         self._ranges: list[Range] = []
         self.counts = torch.zeros(self._bins ** len(rises), dtype=torch.int64)
 
-    @property
-    def visited(self) -> int:
-        """Number of cells that were visited at least once."""
-        return int(torch.count_nonzero(self.counts))
-
     def bonus(self, progress: Tensor) -> Tensor:
         """Counts one step of all environments and returns their bonus.
 
