@@ -33,7 +33,7 @@ def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], a
 
 def _verdicts(task: str, submissions: list[Submission]) -> list[Verdict]:
     with Sandbox(Limits(), "porse.task_probe") as sandbox:
-        variables = sandbox.prepare({"task": task})
+        variables = sandbox.prepare({"task": task, "root": str(Path.cwd())})
         return [judge(submission, variables, sandbox)[0] for submission in submissions]
 
 

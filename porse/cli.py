@@ -10,14 +10,16 @@ import click
 from porse import __version__, tables
 from porse.config import load_params
 from porse.errors import PorseError
+from porse.methods import ABLATIONS, METHODS
 from porse.report.markdown import results_table
-from porse.search.schedule import total_epochs, varied, work
+from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
 _LAZY = {
     "llm": "porse.llm.cli:llm",
     "check-code": "porse.check_code:check_code",
     "play": "porse.show:play",
     "render": "porse.show:render",
+    "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
@@ -62,10 +64,20 @@ def show_schedule(path: Path) -> None:
     """Print what each rung of each iteration costs, in epochs."""
     params = load_params(path)
     for entry in params.iterations:
-        for cost in work(params):
+        for cost in work(params, entry.n):
             click.echo(f"iteration {entry.n} rung {cost.rung:8} {cost.candidates:3} candidates {cost.epochs:7} epochs")
-        click.echo(f"iteration {entry.n}: mutants vary {varied(entry.n)}")
-    click.echo(f"in all {total_epochs(params)} epochs")
+        if mutants(params, entry.n):
+            click.echo(f"iteration {entry.n}: mutants vary {varied(params, entry.n)}")
+    click.echo(f"in all {total_epochs(params)} epochs of {allowed_epochs(params)} allowed")
+
+
+@main.command("methods")
+def show_methods() -> None:
+    """Print the methods and the ablations: the parameters that each replaces."""
+    for heading, sets in (("method", METHODS), ("ablation", ABLATIONS)):
+        for name, sections in sets.items():
+            values = [f"{s}.{key}: {json.dumps(value)}" for s, own in sections.items() for key, value in own.items()]
+            click.echo(f"{heading:8} {name:20} {', '.join(values) or 'params.yaml as it is'}")
 
 
 @main.command("results")

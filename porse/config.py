@@ -1,13 +1,8 @@
-"""`params.yaml` as frozen dataclasses: types, ranges, and no default anywhere.
+"""`params.yaml` as frozen dataclasses, with the sets of the method and the ablation laid over it.
 
-A missing, unknown, mistyped or out-of-range parameter is a `ParamsError` that names it. What a parameter means is said
-in `params.yaml` itself, above the key. A section is named after the stage that reads it.
+What a parameter means is said in `params.yaml` itself, above the key. A section is named after the stage that reads it.
 """
 
-import dataclasses
-import difflib
-import math
-import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,21 +10,12 @@ from typing import Annotated, Any, Literal
 
 import yaml
 
+from porse.conversion import Count, Fraction, NonNegative, Positive, Range, convert, wrong
 from porse.errors import ParamsError
+from porse.methods import overridden
 
-
-@dataclass(frozen=True)
-class Range:
-    """Bounds of a number, both included."""
-
-    low: float
-    high: float = math.inf
-
-
-Positive = Annotated[int, Range(1)]
-Count = Annotated[int, Range(0)]
-Fraction = Annotated[float, Range(0.0, 1.0)]
-NonNegative = Annotated[float, Range(0.0)]
+MOST_SUMMED_CELLS = 1872
+"""Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +47,10 @@ class LlmParams:
 
 @dataclass(frozen=True)
 class CandidateParams:
-    """What a candidate is besides its functions, before anything mutates."""
+    """What a candidate's total reward is made of, and its weights before anything mutates."""
 
+    goal: Literal["generated", "sparse", "human"]
+    bonus: Literal["mapping", "simhash", "none"]
     beta: NonNegative
     scale: Annotated[float, Range(1e-6)]
     alpha: Fraction
@@ -70,10 +58,25 @@ class CandidateParams:
 
 @dataclass(frozen=True)
 class GenerateParams:
-    """How many candidates an iteration has, and how many of them are carried over."""
+    """How many candidates an iteration has, and where they come from."""
 
     candidates: Positive
     elites: Count
+    iterations: Literal["every", "first"]
+    parents: Literal["winner", "islands"]
+    mappings: Literal["generator", "spliced"]
+    beyond_goal: bool
+
+
+@dataclass(frozen=True)
+class IslandsParams:
+    """The population that rewards evolve in (REvolve)."""
+
+    count: Positive
+    size: Positive
+    crossover: Fraction
+    migration: Fraction
+    temperature: Annotated[float, Range(1e-6)]
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ class ExplorationParams:
 
     lambda_: NonNegative
     cells: Annotated[int, Range(2)]
+    discretiser: Literal["grid", "sum"]
+    simhash_bits: Annotated[int, Range(1, 20)]
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,7 @@ class TrainParams:
     """One policy's training by PPO."""
 
     rung_epochs: Positive
+    length: Literal["iteration", "run"]
     num_envs: Annotated[int, Range(2)]
     steps_per_epoch: Positive
     hidden: Sequence[Positive]
@@ -119,9 +125,22 @@ class TrainParams:
 
 
 @dataclass(frozen=True)
-class EliminateParams:
-    """How candidates are ranked."""
+class ProbeParams:
+    """The search of alpha by short trainings (ROSKA)."""
 
+    trainings: Count
+    initial: Annotated[int, Range(2, 101)]
+    share: Fraction
+    length: Annotated[float, Range(1e-3)]
+    noise: Annotated[float, Range(1e-9)]
+    xi: NonNegative
+
+
+@dataclass(frozen=True)
+class EliminateParams:
+    """How candidates are ranked, and how many go on."""
+
+    keep: Literal["rungs", "all", "one"]
     window: Positive
 
 
@@ -130,7 +149,8 @@ class MutateParams:
     """How the best survivor is varied at half time."""
 
     pool: str
-    mutants: Positive
+    mutants: Count
+    vary: Sequence[Literal["beta", "alpha"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative
@@ -144,7 +164,32 @@ class FuseParams:
     """What an iteration hands to the next one."""
 
     pool: str
+    policy: Literal["fused", "random"]
+    incumbent: Literal["latest", "best"]
     points: Annotated[int, Range(2)]
+
+
+@dataclass(frozen=True)
+class EvaluateParams:
+    """How far the winner's training depends on its seed."""
+
+    seeds: Count
+
+
+@dataclass(frozen=True)
+class Reference:
+    """MTS of the two methods that the human normalised score is measured against."""
+
+    human: float
+    sparse: float
+
+
+@dataclass(frozen=True)
+class SummariseParams:
+    """What a run's metrics are measured against, by task."""
+
+    references: Mapping[str, Reference]
+    thresholds: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -170,18 +215,24 @@ class Params:
     """All of `params.yaml`."""
 
     task: str
-    method: Literal["porse"]
+    method: str
+    ablation: str
+    generator: Literal["model", "grammar"]
     seed: Annotated[int, Range(0, 2**31 - 1)]
     numerics: Literal["portable", "fast"]
     llm: LlmParams
     candidate: CandidateParams
     generate: GenerateParams
+    islands: IslandsParams
     validate: ValidateParams
     exploration: ExplorationParams
     train: TrainParams
+    probe: ProbeParams
     eliminate: EliminateParams
     mutate: MutateParams
     fuse: FuseParams
+    evaluate: EvaluateParams
+    summarise: SummariseParams
     iterations: Sequence[Iteration]
     rungs: Sequence[Rung]
 
@@ -209,7 +260,8 @@ def parse_params(document: Any, where: str) -> Params:
     Raises:
         ParamsError: a parameter is missing, unknown, mistyped or out of range, or two of them contradict each other.
     """
-    params: Params = _convert(document, Params, "", where)
+    laid_over = overridden(document, where) if isinstance(document, dict) else document
+    params: Params = convert(laid_over, Params, "", where)
     _check_together(params, where)
     return params
 
@@ -218,22 +270,26 @@ def _check_together(params: Params, where: str) -> None:
     """Raises a ParamsError where parameters that are fine by themselves contradict each other."""
     llm, candidate, train = params.llm, params.candidate, params.train
     if llm.profile not in llm.profiles:
-        raise ParamsError(_wrong("llm.profile", f"one of {', '.join(llm.profiles)}", llm.profile, where))
+        raise ParamsError(wrong("llm.profile", f"one of {', '.join(llm.profiles)}", llm.profile, where))
     if candidate.beta > candidate.scale:
         raise ParamsError(
-            _wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where)
+            wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where)
         )
     if params.generate.elites >= params.generate.candidates:
         expected = f"less than generate.candidates = {params.generate.candidates}"
-        raise ParamsError(_wrong("generate.elites", expected, params.generate.elites, where))
+        raise ParamsError(wrong("generate.elites", expected, params.generate.elites, where))
+    exploration = params.exploration
+    if exploration.discretiser == "sum" and exploration.cells > MOST_SUMMED_CELLS:
+        expected = f"at most {MOST_SUMMED_CELLS} where exploration.discretiser is sum"
+        raise ParamsError(wrong("exploration.cells", expected, exploration.cells, where))
     batch = train.num_envs * train.steps_per_epoch
     if batch % train.minibatches:
         raise ParamsError(
-            _wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
+            wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
         )
     _check_rungs(params, where)
     if [entry.n for entry in params.iterations] != list(range(1, len(params.iterations) + 1)):
-        raise ParamsError(_wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
+        raise ParamsError(wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
 
 
 def _check_rungs(params: Params, where: str) -> None:
@@ -243,76 +299,10 @@ def _check_rungs(params: Params, where: str) -> None:
         if rung.pool == "mutate" and params.mutate.pool in sizes:
             sizes["mutate"] = sizes[params.mutate.pool] + params.mutate.mutants
         if rung.pool not in sizes:
-            raise ParamsError(_wrong(f"rungs[{index}].pool", f"one of {', '.join(sizes)}", rung.pool, where))
-        if rung.keep > sizes[rung.pool]:
+            raise ParamsError(wrong(f"rungs[{index}].pool", f"one of {', '.join(sizes)}", rung.pool, where))
+        if rung.keep > sizes[rung.pool] and params.eliminate.keep == "rungs":
             expected = f"at most the {sizes[rung.pool]} candidates of {rung.pool}"
-            raise ParamsError(_wrong(f"rungs[{index}].keep", expected, rung.keep, where))
+            raise ParamsError(wrong(f"rungs[{index}].keep", expected, rung.keep, where))
         sizes[f"eliminate-{rung.rung}"] = rung.keep
     if sizes.get(params.fuse.pool) != 1:
-        raise ParamsError(_wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))
-
-
-def _convert(value: Any, kind: Any, name: str, where: str) -> Any:
-    """Returns `value` as the annotated type `kind`, or raises a ParamsError that names the parameter."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if origin is Annotated:
-        number, bounds = _convert(value, arguments[0], name, where), arguments[1]
-        if not bounds.low <= number <= bounds.high:
-            raise ParamsError(_wrong(name, f"a number in [{bounds.low:g}, {bounds.high:g}]", value, where))
-        return number
-    if dataclasses.is_dataclass(kind):
-        return _convert_section(value, typing.cast(type, kind), name, where)
-    if origin is Literal:
-        if value not in arguments:
-            raise ParamsError(_wrong(name, f"one of {', '.join(map(str, arguments))}", value, where))
-        return value
-    if origin is Sequence:
-        if not isinstance(value, list) or not value:
-            raise ParamsError(_wrong(name, "a list with at least one entry", value, where))
-        return tuple(_convert(item, arguments[0], f"{name}[{index}]", where) for index, item in enumerate(value))
-    if origin is Mapping:
-        if not isinstance(value, dict) or not value:
-            raise ParamsError(_wrong(name, "a mapping with at least one entry", value, where))
-        return {str(key): _convert(item, arguments[1], f"{name}.{key}", where) for key, item in value.items()}
-    return _convert_scalar(value, kind, name, where)
-
-
-def _convert_scalar(value: Any, kind: Any, name: str, where: str) -> Any:
-    """Returns a bool, int, float or str of the wanted type; an int is a fine float, a bool is no int."""
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    allowed = typing.get_args(kind) or (kind,)
-    if not isinstance(value, allowed) or (isinstance(value, bool) and bool not in allowed):
-        expected = " or ".join(option.__name__ for option in allowed)
-        raise ParamsError(_wrong(name, f"a value of type {expected}", value, where))
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ParamsError(_wrong(name, "a finite number", value, where))
-    return value
-
-
-def _convert_section(value: Any, section: type, name: str, where: str) -> Any:
-    """Returns a dataclass from a mapping that has exactly its fields."""
-    if not isinstance(value, dict):
-        raise ParamsError(_wrong(name or "the document", "a mapping", value, where))
-    # `lambda` is a word of Python's; in params.yaml it is the paper's letter.
-    fields = {field.name.rstrip("_"): field for field in dataclasses.fields(section)}
-    prefix = f"{name}." if name else ""
-    for key in value:
-        if key not in fields:
-            near = difflib.get_close_matches(str(key), list(fields), n=1)
-            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
-            raise ParamsError(f"expected only known parameters in {where}, found {prefix}{key}; {hint}")
-    for key in fields:
-        if key not in value:
-            raise ParamsError(
-                f"expected the parameter {prefix}{key} in {where}, found none; add it, Python has no defaults"
-            )
-    hints = typing.get_type_hints(section, include_extras=True)
-    converted = {
-        field.name: _convert(value[key], hints[field.name], f"{prefix}{key}", where) for key, field in fields.items()
-    }
-    return section(**converted)
-
-
-def _wrong(name: str, expected: str, found: Any, where: str) -> str:
-    return f"expected {name} to be {expected}, found {found!r} in {where}; change it there"
+        raise ParamsError(wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))

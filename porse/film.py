@@ -11,7 +11,7 @@ from torch import Tensor
 from porse.checkpoint import read_checkpoint
 from porse.config import Params
 from porse.tasks.base import Task
-from porse.tasks.picture import Pixels, first_simulation, picture
+from porse.tasks.picture import camera, first_simulation
 from porse.training.ppo import build_ppo
 from porse.training.snapshot import load_policy
 from porse.training.vecenv import observation_groups
@@ -50,8 +50,8 @@ def _steps(task: Task, actor: Actor, seconds: float) -> Iterator[int]:
 def write_gif(path: Path, task: Task, actor: Actor, seconds: float) -> None:
     """Plays for so many seconds and writes what is seen."""
     every = max(1, round(1.0 / (FRAMES_PER_SECOND * task.control_dt)))
-    frames: list[Pixels] = [picture(task, WIDTH, HEIGHT)]
-    frames += [picture(task, WIDTH, HEIGHT) for step in _steps(task, actor, seconds) if step % every == every - 1]
+    with camera(task, WIDTH, HEIGHT) as take:
+        frames = [take(), *(take() for step in _steps(task, actor, seconds) if step % every == every - 1)]
     imageio.imwrite(path, frames, duration=1000.0 * every * task.control_dt, loop=0)
 
 

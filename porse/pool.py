@@ -16,6 +16,9 @@ from porse import tables
 from porse.tables import Row
 
 CANDIDATES_FILE, CURVES_FILE, POLICIES = "candidates.parquet", "curves.parquet", "policies"
+BEST, RANDOM, START_POLICY = "best", "random", "fused"
+"""Stems of theta_best and theta_random, and of the policy that a candidate starts from by default."""
+START_POLICIES = (BEST, RANDOM, START_POLICY)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ def render(task: str, out: Path, seconds: float) -> None:
         write_png(out, picture(shown, WIDTH, HEIGHT))
     else:
         write_gif(out, shown, random_actor(shown), seconds)
-    click.echo(f"{out}: {task}")
+    click.echo(f"{out}: {shown.NAME}")
 
 
 @click.command()
@@ -51,9 +51,9 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
     if in_viewer:
         view(shown, actor, seconds)
         return
-    target = out or Path(f"{task}.gif")
+    target = out or Path(f"{shown.NAME}.gif")
     write_gif(target, shown, actor, seconds)
-    click.echo(f"{target}: {task}, {seconds:g} s")
+    click.echo(f"{target}: {shown.NAME}, {seconds:g} s")
 
 
 def _has_display() -> bool:

@@ -98,12 +98,12 @@ CANDIDATES = Table(
         _ITERATION,
         Column("slot", _INT, "place in the iteration, from 0; mutants count on"),
         _CANDIDATE,
-        Column("origin", _TEXT, "new, elite (the previous winner's functions) or mutant"),
-        Column("parent_id", _TEXT, "candidate that an elite or a mutant comes from, else empty"),
-        Column("reward_key", _TEXT, "key of the reply with the reward"),
-        Column("mapping_key", _TEXT, "key of the reply with the mapping"),
-        Column("reward_source", _TEXT, "the goal reward, as checked"),
-        Column("mapping_source", _TEXT, "the mapping, as checked"),
+        Column("origin", _TEXT, "new, elite (the previous winner's functions), mutant, probe, mutation or crossover"),
+        Column("parent_id", _TEXT, "candidates that it comes from, joined by +; empty for a new one"),
+        Column("reward_key", _TEXT, "key of the reply with the reward; empty where none is generated"),
+        Column("mapping_key", _TEXT, "key of the reply with the mapping; empty where none is generated"),
+        Column("reward_source", _TEXT, "the goal reward, as checked; empty where none is generated"),
+        Column("mapping_source", _TEXT, "the mapping, as checked; empty where none is generated"),
         Column("beta", _REAL, "weight of the exploration bonus, 1"),
         Column("alpha", _REAL, "share of the previous winner in the first policy, 1"),
         Column("policy", _TEXT, "stem of the file in policies/ that training goes on from"),
@@ -137,7 +137,9 @@ SCORES = Table(
         Column("rank", _INT, "0: best"),
         Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window); 0 when it failed"),
         Column("mts", _REAL, "highest fitness of the iteration so far; 0 when it failed"),
-        Column("failed", _FLAG, "whether its training ended early; such a candidate ranks last"),
+        Column(
+            "failed", _FLAG, "whether its training ended early, or another probe beat it; such a candidate ranks last"
+        ),
         Column("survives", _FLAG, "whether it goes on"),
     ),
 )
@@ -184,13 +186,45 @@ FEEDBACK = Table(
     ),
 )
 
+MEMBERS = Table(
+    "members",
+    "one member of the islands that rewards evolve on",
+    ("island", "candidate_id"),
+    (
+        Column("island", _INT, "island, from 0"),
+        _CANDIDATE,
+        Column("fitness", _REAL, "MTS of its training, by which it is drawn and admitted"),
+        Column("reward_source", _TEXT, "the goal reward, as checked"),
+    ),
+)
+
+MEMBER_FEEDBACK = Table(
+    "member_feedback",
+    "one point of one series of one member, as the next prompts show it",
+    ("candidate_id", *FEEDBACK.key),
+    (_CANDIDATE, *FEEDBACK.columns),
+)
+
+EVALUATION = Table(
+    "evaluation",
+    "one epoch of the chain of winners, trained again with one seed",
+    ("seed", "iteration", "epoch"),
+    (
+        Column("seed", _INT, "which of the further seeds, from 1"),
+        _ITERATION,
+        _CANDIDATE,
+        Column("epoch", _INT, "epoch of the iteration, from 1"),
+        Column("fitness", _REAL, "fitness at the epoch's last step"),
+    ),
+)
+
 ITERATIONS = Table(
     "iterations",
     "one iteration",
     ("iteration",),
     (
         _ITERATION,
-        Column("winner_id", _TEXT, "candidate whose policy is theta_best"),
+        Column("winner_id", _TEXT, "best candidate at the end of the iteration"),
         Column("beta", _REAL, "the winner's weight of the bonus, 1"),
         Column("alpha", _REAL, "the winner's share of the previous winner, 1"),
         Column("mts", _REAL, "highest fitness that any training of the iteration reached"),
@@ -206,7 +240,20 @@ ITERATIONS = Table(
 
 TABLES = {
     table.name: table
-    for table in (REPLIES, VERDICTS, CANDIDATES, CURVES, SCORES, SURVIVORS, MUTANTS, FEEDBACK, ITERATIONS)
+    for table in (
+        REPLIES,
+        VERDICTS,
+        CANDIDATES,
+        CURVES,
+        SCORES,
+        SURVIVORS,
+        MUTANTS,
+        FEEDBACK,
+        MEMBERS,
+        MEMBER_FEEDBACK,
+        ITERATIONS,
+        EVALUATION,
+    )
 }
 
 

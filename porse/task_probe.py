@@ -3,6 +3,7 @@
 It is the child of a process that needs neither torch nor the simulator, so that a check takes one start of each.
 """
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +19,9 @@ PROBE_STEPS = 16
 
 
 def _load_task(request: dict[str, Any]) -> tuple[Sequence[Variable], Mapping[str, Any]]:
-    """Returns the variables of the task that the request names and their values in real states."""
+    """Returns the variables of the task that the request names, and their values in real states."""
+    # This process runs in an empty folder; a task of one's own lies where the command was given.
+    sys.path.append(request["root"])
     name = request["task"]
     variables = find_task(name).VARIABLES
     return variables, probe_states(name, PROBE_ENVS, PROBE_STEPS, seed=0)

@@ -6,7 +6,7 @@ import click
 
 from porse import tables
 from porse.checkpoint import write_checkpoint
-from porse.pool import policy_file
+from porse.pool import RANDOM, START_POLICY, policy_file
 from porse.stage import StageCommand, begin, folder, write_manifest
 
 
@@ -19,11 +19,13 @@ def main(out: Path) -> None:
     from porse.training.start import random_policy
 
     random = random_policy(params, 1)
-    write_checkpoint(policy_file(out, "random"), random)
+    write_checkpoint(policy_file(out, RANDOM), random)
     # Nothing to fuse with: theta_f is theta_random (algorithm 1, n = 1).
-    write_checkpoint(policy_file(out, "fused"), random)
+    write_checkpoint(policy_file(out, START_POLICY), random)
     tables.write(out / "winner.parquet", tables.CANDIDATES, [])
     tables.write(out / "feedback.parquet", tables.FEEDBACK, [])
+    tables.write(out / "members.parquet", tables.MEMBERS, [])
+    tables.write(out / "member_feedback.parquet", tables.MEMBER_FEEDBACK, [])
 
 
 if __name__ == "__main__":

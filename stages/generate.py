@@ -20,7 +20,7 @@ def main(iteration: int, start: Path, prompts: Path, cache: Path, out: Path) -> 
     from porse.generation.brief import read_brief
     from porse.generation.functions import first_attempts, reply_row
 
-    attempts = first_attempts(read_brief(params.task, start, prompts), params, iteration, cache)
+    attempts = first_attempts(read_brief(params, iteration, start, prompts), params, iteration, cache)
     rows = [reply_row(iteration, a.kind, a.slot, a.number, a.reply) for a in attempts]
     tables.write(out / "replies.parquet", tables.REPLIES, rows)
     say(f"iteration {iteration}: {len(rows)} replies")

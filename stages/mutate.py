@@ -25,16 +25,15 @@ def main(iteration: int, pool: Path, start: Path, prompts: Path, cache: Path, ou
 
     entering = read_pool(pool)
     swarm = Swarm.propose(entering, start, params, iteration, prompts, cache)
-    kind = varied(iteration)
+    kind = varied(params, iteration)
     replies = [reply_row(iteration, kind, 0, number, reply) for number, reply in enumerate(swarm.replies)]
     tables.write(out / "replies.parquet", tables.REPLIES, replies)
     tables.write(out / "mutants.parquet", tables.MUTANTS, swarm.rows)
     kept = {row["policy"]: entering.policy(row) for row in entering.candidates}
     write_pool(out, [*entering.candidates, *swarm.mutants], entering.curves, kept)
     write_starts(swarm.mutants, start, lambda stem: policy_file(out, stem))
-    say(
-        f"iteration {iteration}: {len(swarm.mutants)} mutants, {kind} = {', '.join(f'{row[kind]:g}' for row in swarm.mutants)}"
-    )
+    values = f", {kind} = {', '.join(f'{row[kind]:g}' for row in swarm.mutants)}" if swarm.mutants else ""
+    say(f"iteration {iteration}: {len(swarm.mutants)} mutants{values}")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from porse.pool import read_pool
+from porse.search.lengths import alpha_is_searched, rung_epochs
 from porse.stage import StageCommand, begin, folder, write_manifest
 
 
@@ -18,9 +19,17 @@ def main(iteration: int, rung: str, until: int, pool: Path, out: Path) -> None:
     """Writes the trained pool."""
     params = begin()
     write_manifest()
-    from porse.training.rung import train_rung
+    entering = read_pool(pool)
+    until_epoch = until * rung_epochs(params)
+    if alpha_is_searched(params, iteration) and all(row["epochs"] == 0 for row in entering.candidates):
+        # Imported here: the Gaussian process takes a second to import, and one method needs it.
+        from porse.training.probing import search_rung
 
-    train_rung(read_pool(pool), params, iteration, rung, until * params.train.rung_epochs, out)
+        search_rung(entering, params, iteration, rung, until_epoch, out)
+    else:
+        from porse.training.rung import train_rung
+
+        train_rung(entering, params, iteration, rung, until_epoch, out)
 
 
 if __name__ == "__main__":

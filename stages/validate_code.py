@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 
 from porse import tables
-from porse.pool import policy_file, write_pool
+from porse.pool import START_POLICIES, START_POLICY, policy_file, write_pool
+from porse.search.lengths import alpha_is_searched
 from porse.stage import StageCommand, begin, folder, say
 
 
@@ -24,8 +25,8 @@ def main(iteration: int, start: Path, generated: Path, prompts: Path, cache: Pat
     from porse.generation.functions import checked_functions, reply_row, restored_attempts, verdict_row
     from porse.generation.states import checker
 
-    brief = read_brief(params.task, start, prompts)
-    attempts = restored_attempts(tables.read(generated / "replies.parquet", tables.REPLIES), brief)
+    brief = read_brief(params, iteration, start, prompts)
+    attempts = restored_attempts(tables.read(generated / "replies.parquet", tables.REPLIES), brief, params)
     with checker(params) as check:
         checked = checked_functions(attempts, check, brief, params, iteration, cache)
     tried = checked.attempts
@@ -37,8 +38,9 @@ def main(iteration: int, start: Path, generated: Path, prompts: Path, cache: Pat
     tables.write(
         out / "verdicts.parquet", tables.VERDICTS, [verdict_row(iteration, a, verdict) for a, verdict in tried]
     )
-    candidates = first_pool(checked.functions, brief.winner, params, iteration)
-    write_pool(out, candidates, [], {"fused": policy_file(start, "fused")})
+    candidates = first_pool(checked.functions, brief.winner, brief.breedings, params, iteration)
+    stems = START_POLICIES if alpha_is_searched(params, iteration) else (START_POLICY,)
+    write_pool(out, candidates, [], {stem: policy_file(start, stem) for stem in stems})
     valid = sum(verdict.passed for _, verdict in tried)
     say(
         f"iteration {iteration}: {valid} of {len(tried)} replies ran, {len(tried) - len(attempts)} of them asked for again"

@@ -6,7 +6,7 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-from porse.tables import CANDIDATES, FEEDBACK, write
+from porse.tables import CANDIDATES, FEEDBACK, MEMBER_FEEDBACK, MEMBERS, write
 
 GENERATE = ["--iteration", "1", "--start", "start", "--prompts", "prompts", "--cache", "llm_cache", "--out", "out"]
 
@@ -19,6 +19,8 @@ def project(root, tmp_path, monkeypatch):
     shutil.copy(root / "params.yaml", tmp_path)
     write(tmp_path / "start" / "winner.parquet", CANDIDATES, [])
     write(tmp_path / "start" / "feedback.parquet", FEEDBACK, [])
+    write(tmp_path / "start" / "members.parquet", MEMBERS, [])
+    write(tmp_path / "start" / "member_feedback.parquet", MEMBER_FEEDBACK, [])
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PORSE_LLM_MODE", raising=False)
     return tmp_path
@@ -45,7 +47,7 @@ def test_the_committed_project_generates_from_its_recorded_replies(project):
     ("before", "after", "words"),
     [
         ("task: Quadcopter", "task: Quadcoper", ["'Quadcoper'", "Quadcopter", "porse tasks"]),
-        ("method: porse", "method: eureka", ["method", "porse", "eureka"]),
+        ("method: porse", "method: eurika", ["method", "porse", "eureka"]),
         ("seed: 1\n", "", ["parameter seed", "found none"]),
         ("temperature: 1.0", "temperature: 5", ["llm.temperature", "[0, 2]", "5"]),
         ("temperature: 1.0", "temperature: 0.5", ["llm_cache", "iteration 1", "temperature", "porse llm export"]),

@@ -60,6 +60,30 @@ def test_portable_forms_hold_at_the_ends(expression, point, expected):
     assert total.tolist() == pytest.approx([expected] * 2, abs=1e-7)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("expression", "exact"), [("torch.acos(y)", torch.acos), ("torch.asin(y)", torch.asin)])
+def test_arcs_keep_their_digits_near_one(expression, exact, sign):
+    """Every float32 from 1 - 2^-10 to 1, as a row, as a column and alone: at most 3 units in the last place."""
+    points = sign * (1.0 - torch.arange(2**14) * 2.0**-24)
+    function = compile_reward(reward(f"y = a[:, 0]\nx = {expression}"), VARIABLES, True)
+    expected = exact(points.double())
+    unit = 2.0 ** (expected.abs().clamp(min=2.0**-12).log2().floor() - 23)
+    row = function({"a": points[:, None], "b": torch.zeros(1)})[0]
+    column = function({"a": torch.stack([points] * 3, dim=-1), "b": torch.zeros(1)})[0]
+    alone = torch.cat([function({"a": p.reshape(1, 1), "b": torch.zeros(1)})[0] for p in points[::97]])
+    assert torch.equal(row, column)
+    assert ((row - expected).abs() / unit).max() <= 3
+    assert ((alone - expected[::97]).abs() / unit[::97]).max() <= 3
+
+
+@pytest.mark.parametrize("point", [1.0000001, -1.0000001, float("inf"), float("-inf"), float("nan")])
+@pytest.mark.parametrize("expression", ["torch.acos(y)", "torch.asin(y)"])
+def test_arcs_are_undefined_outside_their_domain(expression, point):
+    source = reward(f"y = a[:, 0]\nx = {expression}")
+    total, _ = compile_reward(source, VARIABLES, True)({"a": torch.full((2, 3), point), "b": torch.zeros(2, 3)})
+    assert torch.isnan(total).all()
+
+
 @pytest.mark.parametrize("expression", ["torch.sqrt(y)", "torch.acos(y)"])
 def test_portable_forms_are_undefined_where_the_plain_ones_are(expression):
     source = reward(f"y = a[:, 0]\nx = {expression}")
@@ -72,6 +96,30 @@ def test_replacements_stand_where_the_operator_stood():
     source = reward("y = a[:, 0].abs()\ny[b[:, 0] > 0] = 4.0\nx = torch.sqrt(y)\ny *= 0.0")
     states = {"a": torch.ones(2, 3), "b": torch.tensor([[1.0, 0, 0], [-1.0, 0, 0]])}
     assert compile_reward(source, VARIABLES, True)(states)[0].tolist() == [2.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "is_norm"),
+    [
+        ("x = torch.sqrt(torch.sum((a - b) ** 2, dim=-1))", True),
+        ("d = a - b\nx = (d * d).sum(-1, keepdim=True).sqrt()[:, 0]", True),
+        ("s = torch.square(a - b)\nx = torch.sum(s, 1) ** 0.5", True),
+        ("x = torch.sqrt(torch.sum(steps[:, None] ** 2, dim=-1))", True),
+        ("x = torch.sqrt(torch.sum((a - b) ** 2, dim=-1) + 0.5)", False),
+        ("x = torch.sqrt(torch.sum((a - b) ** 4, dim=-1))", False),
+        ("x = torch.sqrt(torch.sum(a * a.abs(), dim=-1).abs())", False),
+        ("x = torch.sqrt(torch.sum((a - b).double() ** 2, dim=-1))", False),
+        ("s = (a - b) ** 2\nx = torch.sqrt(torch.sum(s, dim=-1)) + s[:, 0]", False),
+        ("d = a - b\ns = d * d\nd += 1.0\nx = torch.sqrt(torch.sum(s, dim=-1)) + d[:, 0]", False),
+    ],
+)
+def test_the_root_of_a_sum_of_squares_becomes_a_norm_where_that_is_the_same(lines, is_norm):
+    source, states = reward(lines, arguments="a, b, steps"), values(1025)
+    plain, portable = (compile_reward(source, VARIABLES, form) for form in (False, True))
+    torch.testing.assert_close(portable(states)[0], plain(states)[0], rtol=3e-7, atol=3e-7)
+    kinds = [node.kind() for node in portable._script.graph.nodes()]
+    assert ("aten::linalg_vector_norm" in kinds) == is_norm
+    assert ("aten::sum" in kinds) != is_norm
 
 
 def test_no_operator_at_risk_is_left():
@@ -114,7 +162,12 @@ def test_bits_are_the_same_on_an_emulated_cpu_of_another_make(root):
     emulator = shutil.which("qemu-x86_64")
     if emulator is None:
         pytest.skip("needs qemu-x86_64 (package qemu-user)")
-    more = ["torch.norm(a - b, dim=-1)", "rot_dist(q, q.flip(0))", "torch.exp(y) + torch.tanh(y) * torch.sin(y)"]
+    more = [
+        "torch.norm(a - b, dim=-1)",
+        "torch.sqrt(torch.sum((a - b) ** 2, dim=-1))",
+        "rot_dist(q, q.flip(0))",
+        "torch.exp(y) + torch.tanh(y) * torch.sin(y)",
+    ]
     program = _BITS.format(expressions=[*PLAIN, *more])
     environment = os.environ | {"PYTHONPATH": f"{root}:{root / 'tests'}"}
     found = [

@@ -29,7 +29,7 @@ def test_merged_counts_are_the_counts_that_the_last_range_would_have_given(value
     counts = VisitCounts([True], bins, 1.0)
     for value in values:
         counts.bonus(torch.tensor([[value]]))
-    [last] = counts._ranges
+    [last] = counts.space.ranges
     expected = torch.bincount(last.index(torch.tensor(values, dtype=torch.float64)), minlength=bins)
     assert counts.counts.tolist() == expected.tolist()
 

@@ -4,7 +4,7 @@ import pytest
 
 from porse.code.verdict import Verdict
 from porse.errors import SearchError
-from porse.generation import functions
+from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.conversations import Brief
 from porse.generation.functions import Attempt, Function, checked_functions
@@ -69,13 +69,13 @@ class Model:
 @pytest.fixture
 def model(monkeypatch):
     scripted = Model()
-    monkeypatch.setattr(functions, "ask", scripted.ask)
+    monkeypatch.setattr(answers, "ask", scripted.ask)
     return scripted
 
 
 @pytest.fixture
 def brief(root):
-    return Brief(root / "prompts", "hover", "class Quadcopter: ...", None, [])
+    return Brief(root / "prompts", "hover", "class Quadcopter: ...", True, False, None, [], {}, {}, [])
 
 
 def run(params, brief, verdicts):
@@ -115,6 +115,10 @@ def test_when_no_attempt_is_left_the_stage_says_so(params, brief, model):
         run(params, brief, [BAD] * 9)
 
 
+def with_candidates(params, candidates):
+    return dataclasses.replace(params, generate=dataclasses.replace(params.generate, candidates=candidates))
+
+
 def functions_of(*sources):
     return [
         Function(kind, slot, f"{kind}{slot}", f"{kind} {source}")
@@ -128,7 +132,7 @@ def test_the_first_pool_pairs_slots_and_carries_the_winners_pair_over(params):
         "candidate_id": "w", "reward_key": "rk", "mapping_key": "mk", "reward_source": "r", "mapping_source": "m",
         "beta": 1.7, "alpha": 0.3,
     }  # fmt: skip
-    pool = first_pool(functions_of("a", "b"), winner, params, 2)
+    pool = first_pool(functions_of("a", "b"), winner, {}, with_candidates(params, 3), 2)
     assert [(row["slot"], row["origin"], row["reward_source"], row["mapping_source"]) for row in pool] == [
         (0, "new", "reward a", "mapping a"),
         (1, "new", "reward b", "mapping b"),
@@ -139,11 +143,13 @@ def test_the_first_pool_pairs_slots_and_carries_the_winners_pair_over(params):
 
 
 def test_equal_pairs_are_one_candidate(params):
-    assert [row["slot"] for row in first_pool(functions_of("a", "a", "b"), None, params, 1)] == [0, 2]
+    assert [
+        row["slot"] for row in first_pool(functions_of("a", "a", "b"), None, {}, with_candidates(params, 3), 1)
+    ] == [0, 2]
 
 
 def test_mutants_take_slots_after_the_candidates_and_none_equals_its_parent(params, tmp_path):
-    [parent] = first_pool(functions_of("a"), None, params, 2)
+    [parent] = first_pool(functions_of("a"), None, {}, with_candidates(params, 1), 2)
     pool = Pool(tmp_path, [parent], [])
     values = [0.1, 0.8, 0.1, 0.9]
     swarm = _collect(pool, parent, "alpha", values, values, params, [])

@@ -3,12 +3,11 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import ClassVar
@@ -18,18 +17,16 @@ import yaml
 
 from porse import tables
 from scripted import answer
-
-ROOT = Path(__file__).resolve().parent.parent
-BIN = Path(sys.executable).parent
-COPIED = ("porse", "stages", "prompts", "dvc.yaml", "params.yaml", "requirements.lock", ".dvcignore", ".gitignore")
-QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}
+from tiny import BIN, QUIET, committed_params, dvc, make_project, run
+from warm_stages import warm_stages
 
 
 def tiny_params() -> dict:
-    params = yaml.safe_load((ROOT / "params.yaml").read_text())
+    params = committed_params()
     params["llm"]["profile"] = "local"
-    params["generate"] = {"candidates": 3, "elites": 1}
+    params["generate"] |= {"candidates": 3, "elites": 1}
     params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
+    params["evaluate"]["seeds"] = 1
     params["iterations"] = [{"n": 1, "next": 2}, {"n": 2, "next": "result"}]
     params["rungs"] = [
         {"rung": 1, "pool": "validate-code", "until": 1, "keep": 2},
@@ -70,36 +67,20 @@ class Endpoint(BaseHTTPRequestHandler):
         pass
 
 
-def run(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
-    done = subprocess.run(
-        command, cwd=where, env={**os.environ, **QUIET, **environment}, capture_output=True, text=True, timeout=280
-    )
-    assert not check or done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    return done
-
-
 def git(where: Path, *command: str) -> str:
     return run(where, "git", "-c", "user.name=t", "-c", "user.email=t@t", *command).stdout
 
 
-def dvc(where: Path, *command: str, **options) -> subprocess.CompletedProcess:
-    return run(where, str(BIN / "dvc"), *command, **options)
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory) -> Iterator[Path]:
+    with warm_stages(tmp_path_factory.mktemp("warm")) as venv:
+        yield venv
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> Path:
+def recorded(tmp_path_factory, warm) -> Path:
     """A project whose run was recorded from the endpoint, and committed."""
-    project = tmp_path_factory.mktemp("recorded") / "project"
-    project.mkdir()
-    for name in COPIED:
-        source = ROOT / name
-        copy = shutil.copytree if source.is_dir() else shutil.copy
-        copy(source, project / name)
-    (project / "params.yaml").write_text(yaml.safe_dump(tiny_params(), sort_keys=False))
-    (project / "llm_cache").mkdir()
-    (project / ".venv").symlink_to(BIN.parent)
-    git(project, "init", "-q")
-    dvc(project, "init", "-q")
+    project = make_project(tmp_path_factory.mktemp("recorded") / "project", tiny_params(), warm)
     server = ThreadingHTTPServer(("127.0.0.1", 0), Endpoint)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     url = f"http://127.0.0.1:{server.server_port}/v1"
@@ -123,8 +104,8 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
     results = {name: tables.read(recorded / "results" / f"{name}.parquet", tables.TABLES[name]) for name in (
         "candidates", "verdicts", "curves", "scores", "survivors", "mutants", "iterations", "replies")}  # fmt: skip
     metrics = json.loads((recorded / "metrics.json").read_text())
-    # Each iteration: 3 candidates x 1, 5 mutants x 1, 2 survivors x 1.
-    assert metrics["epochs_spent"] == metrics["epochs_allowed"] == 2 * (3 + 5 + 2)
+    # Each iteration: 3 candidates x 1, 5 mutants x 1, 2 survivors x 1; allowed are 3 candidates x 2.
+    assert (metrics["epochs_spent"], metrics["epochs_allowed"]) == (2 * (3 + 5 + 2), 2 * 3 * 2)
     assert metrics["environment_steps"] == 20 * 8 * 4
     assert [row["varied"] for row in results["mutants"]] == ["beta"] * 5 + ["alpha"] * 5
     assert [row["origin"] for row in results["candidates"] if row["iteration"] == 2][:3] == ["new", "new", "elite"]
@@ -198,10 +179,10 @@ def test_killed_and_started_again_elsewhere_it_ends_with_the_same_lock(recorded,
     assert git(clone, "status", "--porcelain", "--untracked-files=no") == ""
 
 
-def test_an_edited_reply_is_refused(recorded, tmp_path):
+def test_an_edited_reply_is_refused(recorded, warm, tmp_path):
     clone = tmp_path / "clone"
     git(recorded, "clone", "-q", str(recorded), str(clone))
-    (clone / ".venv").symlink_to(BIN.parent)
+    (clone / ".venv").symlink_to(warm)
     lock = (clone / "dvc.lock").read_bytes()
     for record in (clone / "llm_cache").rglob("*.json"):
         record.write_text(record.read_text().replace("distance", "Distance"))

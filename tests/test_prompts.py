@@ -1,5 +1,6 @@
 """Whole prompts, held as they are sent. After a wanted change: `python tests/test_prompts.py` writes them anew."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -23,8 +24,20 @@ def briefs():
         "reward_source": "def compute_reward(x):\n    return x, {}\n",
         "mapping_source": "def mapping_function(self):\n    pass\n",
     }
-    first = Brief(ROOT / "prompts", task.DESCRIPTION, task.observation_source().strip(), None, [])
-    return {"first": first, "refinement": Brief(first.prompts, first.description, first.environment, winner, FEEDBACK)}
+    environment = task.observation_source().strip()
+    first = Brief(ROOT / "prompts", task.DESCRIPTION, environment, True, False, None, [], {}, {}, [])
+    return {"first": first, "refinement": dataclasses.replace(first, winner=winner, feedback=FEEDBACK)}
+
+
+def bred_briefs(first):
+    """Briefs in which the reward of slot 0 has one parent, and two."""
+    from porse.search.breeding import Breeding
+
+    sources = {name: {"reward_source": f"def compute_reward({name}):\n    return {name}, {{}}\n"} for name in "xy"}
+    told = [{"candidate_id": name, **row} for name in "xy" for row in FEEDBACK]
+    bred = dataclasses.replace(first, members=sources, member_feedback=told)
+    plans = {"mutation": Breeding(0, 1, "mutation", ("y",)), "crossover": Breeding(0, 1, "crossover", ("x", "y"))}
+    return {operator: dataclasses.replace(bred, breedings={0: plan}) for operator, plan in plans.items()}
 
 
 def prompts():
@@ -36,10 +49,15 @@ def prompts():
 
     params = load_params(ROOT / "params.yaml")
     found = {
-        f"{kind}-{name}": conversation(brief, kind)
+        f"{kind}-{name}": conversation(brief, kind, 0)
         for name, brief in briefs().items()
         for kind in ("reward", "mapping")
     }
+    first = briefs()["first"]
+    found |= {f"reward-{name}": conversation(brief, "reward", 0) for name, brief in bred_briefs(first).items()}
+    found["mapping-beyond-goal"] = conversation(dataclasses.replace(first, beyond_goal=True), "mapping", 0)
+    without = dataclasses.replace(briefs()["refinement"], has_bonus=False)
+    found["reward-refinement-without-bonus"] = conversation(without, "reward", 0)
     verdict = Verdict(False, "variable", "expected variables of the task, found velocity", 2, (), ())
     found["repair"] = repair(found["mapping-first"][1:], "def f(): ...", verdict, ROOT / "prompts")
     record = [Series(name, (1, 2, 3), (0.25, -1.5, 2.0)) for name in ("fitness", "component/near")]
@@ -55,7 +73,19 @@ def text(messages):
 
 @pytest.mark.parametrize(
     "name",
-    ["reward-first", "mapping-first", "reward-refinement", "mapping-refinement", "repair", "beta", "alpha"],
+    [
+        "reward-first",
+        "mapping-first",
+        "reward-refinement",
+        "mapping-refinement",
+        "reward-refinement-without-bonus",
+        "mapping-beyond-goal",
+        "reward-mutation",
+        "reward-crossover",
+        "repair",
+        "beta",
+        "alpha",
+    ],
 )
 def test_a_prompt_is_the_golden_text(name):
     assert text(prompts()[name]) == (GOLDEN / f"{name}.txt").read_text()
@@ -63,6 +93,16 @@ def test_a_prompt_is_the_golden_text(name):
 
 def test_every_golden_text_is_used():
     assert {path.stem for path in GOLDEN.glob("*.txt")} == set(prompts())
+
+
+def test_an_ablation_changes_nothing_but_its_sentence():
+    plain, beyond = ((GOLDEN / f"{name}.txt").read_text() for name in ("mapping-first", "mapping-beyond-goal"))
+    added = [line for line in beyond.splitlines() if line not in plain.splitlines()]
+    assert len(added) == 1
+    assert "beyond" not in plain
+    assert beyond.replace(f"{added[0]}\n", "") == plain
+    with_bonus, without = ((GOLDEN / f"reward-refinement{name}.txt").read_text() for name in ("", "-without-bonus"))
+    assert with_bonus.replace(", together with a bonus for exploration", "") == without
 
 
 def test_a_missing_fact_is_an_error(root):

@@ -17,7 +17,7 @@ def with_rungs(params, **changes):
 
 def test_the_papers_parameters_cost_18000_epochs_an_iteration_and_90000_in_all(params):
     paper = with_rungs(params, rung_epochs=500)
-    costs = {entry.rung: (entry.candidates, entry.epochs) for entry in work(paper)}
+    costs = {entry.rung: (entry.candidates, entry.epochs) for entry in work(paper, 1)}
     # 500 (6 + 5 + 4) + 5 x 1500 + 500 (3 + 2 + 1) = 18 000; the four survivors wait while the mutants are trained.
     assert costs == {
         "1": (6, 3000),
@@ -28,12 +28,12 @@ def test_the_papers_parameters_cost_18000_epochs_an_iteration_and_90000_in_all(p
         "5": (2, 1000),
         "6": (1, 500),
     }
-    assert sum(entry.epochs for entry in work(paper)) == 18_000
+    assert sum(entry.epochs for entry in work(paper, 2)) == 18_000
     assert total_epochs(paper) == 90_000
 
 
-def test_odd_iterations_vary_beta_and_even_ones_alpha():
-    assert [varied(n) for n in (1, 2, 3, 4, 5)] == ["beta", "alpha", "beta", "alpha", "beta"]
+def test_odd_iterations_vary_beta_and_even_ones_alpha(params):
+    assert [varied(params, n) for n in (1, 2, 3, 4, 5)] == ["beta", "alpha", "beta", "alpha", "beta"]
 
 
 def curve(name, values, series="fitness"):

@@ -185,7 +185,7 @@ class FakeTask:
 
 
 class FakeReward:
-    def pay(self, variables):
+    def pay(self, task):
         from porse.training.reward import Payment
 
         return Payment(torch.tensor([1.0, 2.0]), {})

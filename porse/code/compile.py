@@ -13,10 +13,15 @@ from torch import Tensor
 
 from porse.code.bounds import forced_graphs
 from porse.code.contract import MAX_COMPONENTS, MAX_NAME_CHARACTERS, MAX_NAMES
+from porse.code.numbers import hold_numbers
 from porse.code.portable import make_portable
 from porse.code.script import Script, script, translate
 from porse.code.verdict import CodeError
 from porse.variables import Variable
+
+# Attributes of modules, looked up once: a call of a function takes some ten microseconds.
+_FLOAT32 = torch.float32
+_set_optimiser = torch._C._set_graph_executor_optimize
 
 
 class _Function:
@@ -41,6 +46,7 @@ class _Function:
         """Returns the same function with the operators replaced whose bits depend on the CPU's vendor."""
         graph = self._script.graph.copy()
         make_portable(graph)
+        hold_numbers(graph)
         twin = copy.copy(self)
         twin._script = replace(self._script, graph=graph)
         twin._run = twin._script.callable()
@@ -49,7 +55,7 @@ class _Function:
     def _call(self, variables: Mapping[str, Any]) -> Any:
         # Without its optimiser TorchScript runs the graph as it stands, so the first call and every later one give the
         # same bits. The switch belongs to the whole process, so it is set here and not once.
-        torch._C._set_graph_executor_optimize(False)
+        _set_optimiser(False)
         try:
             if self._pick is None:
                 return self._run(*[variables[name] for name in self.arguments])
@@ -114,9 +120,9 @@ class RewardFunction(_Function):
         if self._names:  # a result like the checked one before it is plain already; finding out takes a microsecond
             total, components = result
             shape = total.shape
-            if len(shape) == 1 and total.dtype is torch.float32 and tuple(components) == self._names:
+            if len(shape) == 1 and total.dtype is _FLOAT32 and tuple(components) == self._names:
                 for value in components.values():
-                    if value.shape != shape or value.dtype is not torch.float32:
+                    if value.shape != shape or value.dtype is not _FLOAT32:
                         break
                 else:
                     return result

@@ -12,54 +12,107 @@ from typing import Any
 import torch
 
 from porse.code.graph import nodes
+from porse.code.numbers import is_single
 
 _ONE = torch.tensor(1.0)
+_FLOAT32 = 6
+"""TorchScript's number for float32."""
 
 
 def make_portable(graph: Any) -> None:
     """Replaces, in place, every operator on tensors that is not portable."""
     tensor = torch._C.TensorType.get()
+    single = is_single(graph)
     for node in list(nodes(graph)):
         form = _FORMS.get(node.kind())
         if form is not None and node.outputsSize() == 1 and node.output().type().isSubtypeOf(tensor):
-            value = form(_Builder(graph, node), *node.inputs())
+            value = form(_Builder(graph, node, single), *node.inputs())
             if value is not None:
                 node.output().replaceAllUsesWith(value)
                 node.destroy()
 
 
 class _Builder:
-    """Writes nodes in front of one node."""
+    """Writes nodes in front of one node.
 
-    def __init__(self, graph: Any, node: Any) -> None:
+    Attributes:
+        node: the node.
+        single: whether every tensor of floats in the graph is float32.
+    """
+
+    def __init__(self, graph: Any, node: Any, single: bool) -> None:
         self._graph = graph
-        self._node = node
+        self.node = node
+        self.single = single
 
     def op(self, kind: str, *inputs: Any) -> Any:
         """Returns the output of a new operator on tensors."""
         new = self._graph.create(f"aten::{kind}", list(inputs), 1)
-        new.insertBefore(self._node)
-        new.copyMetadata(self._node)
+        new.insertBefore(self.node)
+        new.copyMetadata(self.node)
         new.output().setType(torch._C.TensorType.get())
         return new.output()
 
     def constant(self, value: Any) -> Any:
         """Returns a constant."""
         constant = self._graph.insertConstant(value)
-        constant.node().moveBefore(self._node)
+        constant.node().moveBefore(self.node)
         return constant
 
 
 def _sqrt(to: _Builder, x: Any) -> Any:
     """Both steps are exactly rounded on every CPU; 0 and infinity go through infinity and 0 and come back."""
-    return to.op("reciprocal_", to.op("rsqrt", x))
+    norm = _norm(to, x)
+    return to.op("reciprocal_", to.op("rsqrt", x)) if norm is None else norm
+
+
+def _norm(to: _Builder, total: Any) -> Any:
+    """Returns the root of a sum of squares as the norm that it is, in two operators for four; None for anything else.
+
+    Nothing else may read the squares, and nothing may stand between, where it could write to what is squared.
+    """
+    added = total.node()
+    if (
+        not to.single
+        or added.kind() != "aten::sum"
+        or added.inputsSize() != 4
+        or not added.inputsAt(3).node().mustBeNone()
+    ):
+        return None
+    squares = added.inputsAt(0)
+    root = _root_of_square(squares.node())
+    if root is None or len(squares.uses()) > 1 or len(total.uses()) > 1:
+        return None
+    before = to.node.prev()
+    while before.kind() in ("prim::Constant", "prim::ListConstruct") or before == added:
+        before = before.prev()
+    if before != squares.node():
+        return None
+    dim, keepdim = added.inputsAt(1), added.inputsAt(2)
+    to.node.replaceInput(0, root)
+    added.destroy()
+    before.destroy()
+    no = to.constant(False)
+    floats = to.op("to", root, to.constant(_FLOAT32), no, no, to.constant(None))  # a norm takes no integers
+    return to.op("linalg_vector_norm", floats, to.constant(2), dim, keepdim, to.constant(None))
+
+
+def _root_of_square(node: Any) -> Any:
+    """Returns what a node squares, None when it does not."""
+    values = list(node.inputs())
+    if node.kind() == "aten::pow":
+        return values[0] if values[1].node().kind() == "prim::Constant" and values[1].toIValue() == 2 else None
+    if node.kind() == "aten::mul":
+        return values[0] if values[0].debugName() == values[1].debugName() else None
+    return values[0] if node.kind() == "aten::square" else None
 
 
 def _tangent_of_asin(to: _Builder, x: Any) -> Any:
-    """Returns x / sqrt((1 - x)(1 + x)), infinite at 1 and -1; the product keeps its digits there."""
-    one = to.constant(1)
-    below = to.op("rsub", x, one, one)
-    return to.op("mul_", to.op("rsqrt", to.op("addcmul", below, x, below, one)), x)
+    """Returns x / sqrt(1 - x x), infinite at 1 and -1; `addcmul` rounds once, so the difference keeps its digits there.
+
+    It is dense where x may be a column: of strided tensors `atan2` takes each number by itself, through the C library.
+    """
+    return to.op("mul_", to.op("rsqrt_", to.op("addcmul", to.constant(_ONE), x, x, to.constant(-1))), x)
 
 
 def _acos(to: _Builder, x: Any) -> Any:
@@ -67,7 +120,7 @@ def _acos(to: _Builder, x: Any) -> Any:
 
 
 def _asin(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", _tangent_of_asin(to, x), to.constant(_ONE))
+    return to.op("atan2_", _tangent_of_asin(to, x), to.constant(_ONE))
 
 
 def _atan(to: _Builder, x: Any) -> Any:

@@ -30,8 +30,9 @@ class Range:
 
     def index(self, values: Tensor) -> Tensor:
         """Returns the bin of each value (any shape, float64), int64; values must lie inside."""
-        # A value just below the upper edge may be rounded onto it by the subtraction; it belongs to the last bin.
-        return torch.floor((values - self.low) / self.width).long().clamp_(max=self.bins - 1)
+        bins = torch.floor((values - self.low) / self.width)
+        # The difference may round a value just below an edge onto it: -1e-20 - (-1) is 1. The edges themselves are exact.
+        return (bins - (values < self.low + bins * self.width).double()).long()
 
 
 def first_range(low: float, high: float, bins: int) -> Range:

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from porse.exploration.ranges import Range, first_range, grow
+from porse.exploration.bins import Growth, ProgressBins
+from porse.exploration.bonus import pay_finite, rarity
 
 
 def bins_per_variable(cells: int, variables: int) -> int:
@@ -32,11 +33,9 @@ class VisitCounts:
     """
 
     def __init__(self, rises: Sequence[bool], cells: int, scale: float) -> None:
-        self._signs = torch.tensor([1.0 if up else -1.0 for up in rises], dtype=torch.float64)
+        self.space = ProgressBins(rises, bins_per_variable(cells, len(rises)))
         self._scale = scale
-        self._bins = bins_per_variable(cells, len(rises))
-        self._ranges: list[Range] = []
-        self.counts = torch.zeros(self._bins ** len(rises), dtype=torch.int64)
+        self.counts = torch.zeros(self.space.bins ** len(rises), dtype=torch.int64)
 
     def bonus(self, progress: Tensor) -> Tensor:
         """Counts one step of all environments and returns their bonus.
@@ -48,49 +47,27 @@ class VisitCounts:
         Returns:
             (num_envs,) float32, in (0, lambda]; 0 where a value is not finite.
         """
-        turned = progress.double() * self._signs
-        finite = torch.isfinite(turned).all(dim=1)
-        if not bool(finite.all()):
-            bonus = torch.zeros(len(progress))
-            if bool(finite.any()):
-                bonus[finite] = self.bonus(progress[finite])
-            return bonus
-        cells = self._cells(turned)
+        return pay_finite(self.space.turn(progress), self._pay)
+
+    def _pay(self, turned: Tensor) -> Tensor:
+        for growth in self.space.include(turned):
+            self._merge(growth)
+        cells = self.space.encode(self.space.indices(turned))
         self.counts += torch.bincount(cells, minlength=len(self.counts))
-        # rsqrt, not sqrt: PyTorch's square root differs between CPU vendors.
-        return self._scale * torch.rsqrt(self.counts[cells].float())
+        return rarity(self.counts[cells], self._scale)
 
-    def _cells(self, turned: Tensor) -> Tensor:
-        """Returns the cell of each row of (num_envs, variables), after growing the ranges to hold them."""
-        lows, highs = turned.amin(dim=0).tolist(), turned.amax(dim=0).tolist()
-        if not self._ranges:
-            self._ranges = [first_range(low, high, self._bins) for low, high in zip(lows, highs, strict=True)]
-        for variable, (low, high) in enumerate(zip(lows, highs, strict=True)):
-            self._include(variable, low)
-            self._include(variable, high)
-        cells = torch.zeros(len(turned), dtype=torch.int64)
-        for variable, bins in enumerate(self._ranges):
-            cells = cells * self._bins + bins.index(turned[:, variable])
-        return cells
-
-    def _include(self, variable: int, value: float) -> None:
-        """Grows one variable's range until `value` is inside, and merges the counts likewise."""
-        old = self._ranges[variable]
-        if old.low <= value < old.high:
-            return
-        new, image = grow(old, value)
-        shape = (self._bins,) * len(self._ranges)
+    def _merge(self, growth: Growth) -> None:
+        """Merges the counts of cells that are one cell after a range has grown."""
+        shape = (self.space.bins,) * self.space.variables
         merged = torch.zeros(shape, dtype=torch.int64)
-        merged.index_add_(variable, torch.tensor(image), self.counts.reshape(shape))
-        self._ranges[variable] = new
+        merged.index_add_(growth.variable, growth.image, self.counts.reshape(shape))
         self.counts = merged.reshape(-1)
 
     def state(self) -> dict[str, Tensor]:
         """Returns all that a continuation needs."""
-        edges = [[bins.low, bins.width] for bins in self._ranges]
-        return {"counts": self.counts.clone(), "ranges": torch.tensor(edges, dtype=torch.float64).reshape(-1, 2)}
+        return {"counts": self.counts.clone(), "ranges": self.space.state()}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Goes on from `state()` of another object with the same variables."""
         self.counts = state["counts"].clone()
-        self._ranges = [Range(low, width, self._bins) for low, width in state["ranges"].tolist()]
+        self.space.load_state(state["ranges"])

@@ -3,20 +3,31 @@
 from pathlib import Path
 
 from porse import tables
+from porse.config import Params
 from porse.generation.conversations import Brief
+from porse.search.breeding import plan
 from porse.tasks import find_task
 
 
-def read_brief(task: str, start: Path, prompts: Path) -> Brief:
-    """Returns the brief for a task, with the winner and the feedback in the folder `start`.
+def read_brief(params: Params, iteration: int, start: Path, prompts: Path) -> Brief:
+    """Returns the brief for the run's task, with the winner, the feedback and the islands in the folder `start`.
 
     Raises:
         TaskError: the task is unknown.
         TableError: a table in `start` is missing or is not as declared.
     """
-    found = find_task(task)
+    task = find_task(params.task)
     winners = tables.read(start / "winner.parquet", tables.CANDIDATES)
-    feedback = tables.read(start / "feedback.parquet", tables.FEEDBACK)
+    members = tables.read(start / "members.parquet", tables.MEMBERS)
     return Brief(
-        prompts, found.DESCRIPTION, found.observation_source().strip(), winners[0] if winners else None, feedback
+        prompts=prompts,
+        description=task.DESCRIPTION,
+        environment=task.observation_source().strip(),
+        has_bonus=params.candidate.bonus != "none",
+        beyond_goal=params.generate.beyond_goal,
+        winner=winners[0] if winners else None,
+        feedback=tables.read(start / "feedback.parquet", tables.FEEDBACK),
+        breedings={breeding.slot: breeding for breeding in plan(members, params, iteration)},
+        members={row["candidate_id"]: row for row in members},
+        member_feedback=tables.read(start / "member_feedback.parquet", tables.MEMBER_FEEDBACK),
     )

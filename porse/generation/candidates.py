@@ -1,47 +1,54 @@
 """Candidates from functions: a reward and a mapping of one slot are a pair; elites are carried over unchanged."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from porse.config import Params
 from porse.generation.functions import Function
 from porse.identity import candidate_id
+from porse.pool import START_POLICY
+from porse.search.breeding import Breeding
+from porse.search.schedule import is_searched
 from porse.tables import Row
 
-START_POLICY = "fused"
-"""Stem of the policy that every candidate of an iteration starts from."""
 
-
-def first_pool(functions: Sequence[Function], winner: Row | None, params: Params, iteration: int) -> list[Row]:
+def first_pool(
+    functions: Sequence[Function],
+    winner: Row | None,
+    breedings: Mapping[int, Breeding],
+    params: Params,
+    iteration: int,
+) -> list[Row]:
     """Returns the candidates that an iteration starts with, equal ones once, with the default alpha and beta.
 
     Args:
-        functions: one reward and one mapping for each slot.
-        winner: the previous winner, whose pair the last slots carry over; None in the first iteration.
+        functions: for each slot one function of each kind that candidates are made of.
+        winner: the previous winner, whose functions the last slots carry over; None in the first iteration.
+        breedings: slot -> how its reward was bred; empty where rewards do not evolve on islands.
         params: the run's parameters.
         iteration: from 1.
     """
-    slots = sorted({function.slot for function in functions})
+    if not is_searched(params, iteration):
+        return []
+    elites = params.generate.elites if winner is not None else 0
+    new = params.generate.candidates - elites
     found = {(function.kind, function.slot): function for function in functions}
-    rows = [
-        _candidate(
-            params,
-            iteration,
-            slot,
-            {
-                "origin": "new",
-                "parent_id": "",
-                "reward_key": found["reward", slot].key,
-                "mapping_key": found["mapping", slot].key,
-                "reward_source": found["reward", slot].source,
-                "mapping_source": found["mapping", slot].source,
-            },
-        )
-        for slot in slots
-    ]
+    rows = []
+    for slot in range(new):
+        bred = breedings.get(slot)
+        reward, mapping = found.get(("reward", slot)), found.get(("mapping", slot))
+        content = {
+            "origin": bred.operator if bred else "new",
+            "parent_id": "+".join(bred.parents) if bred else "",
+            "reward_key": reward.key if reward else "",
+            "mapping_key": mapping.key if mapping else "",
+            "reward_source": reward.source if reward else "",
+            "mapping_source": mapping.source if mapping else "",
+        }
+        rows.append(_candidate(params, iteration, slot, content))
     if winner is not None:
         pair = {name: winner[name] for name in ("reward_key", "mapping_key", "reward_source", "mapping_source")}
         elite = {"origin": "elite", "parent_id": winner["candidate_id"], **pair}
-        rows += [_candidate(params, iteration, len(slots) + index, elite) for index in range(params.generate.elites)]
+        rows += [_candidate(params, iteration, new + index, elite) for index in range(elites)]
     return _distinct(rows)
 
 

@@ -1,10 +1,11 @@
-"""The conversations that ask for functions: first, refinement, repair (section A.6 of the paper).
+"""The conversations that ask for functions: first, refinement, mutation, crossover, repair (section A.6 of the paper).
 
 A refinement is cut to four messages, as in Eureka: what is wanted, the task, the best function so far, and how its
-training went. A repair adds the broken reply and its verdict.
+training went. A mutation or a crossover shows one or two parents in a single question, as in REvolve. A repair adds the
+broken reply and its verdict.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from porse.code.contract import Kind, contract_text
 from porse.code.verdict import Verdict
 from porse.llm.request import Message
 from porse.prompts import number, numbers, render
+from porse.search.breeding import Breeding
 from porse.tables import Row
 
 PREFIXES: dict[Kind, str] = {"reward": "component/", "mapping": "progress/"}
@@ -27,30 +29,61 @@ class Brief:
         prompts: the folder of prompt texts.
         description: the task in words.
         environment: the task's observation code.
+        has_bonus: whether policies are paid a bonus for exploration beside the goal reward.
+        beyond_goal: whether mappings shall have dimensions beyond the goal.
         winner: row of the previous winner; None in the first iteration.
         feedback: rows of the feedback on it.
+        breedings: slot -> how its reward is bred; empty where the winner is refined.
+        members: candidate id -> row of the members table.
+        member_feedback: rows of the feedback on the members.
     """
 
     prompts: Path
     description: str
     environment: str
+    has_bonus: bool
+    beyond_goal: bool
     winner: Row | None
     feedback: Sequence[Row]
+    breedings: Mapping[int, Breeding]
+    members: Mapping[str, Row]
+    member_feedback: Sequence[Row]
 
 
-def conversation(brief: Brief, kind: Kind) -> tuple[Message, ...]:
-    """Returns the messages that ask for one function of `kind`."""
-    system = render(brief.prompts, f"{kind}-system", contract=contract_text(kind))
+def conversation(brief: Brief, kind: Kind, slot: int) -> tuple[Message, ...]:
+    """Returns the messages that ask for the function of `kind` in `slot`; only bred rewards differ between slots."""
+    contract = contract_text(kind)
+    system = render(brief.prompts, f"{kind}-system", contract=contract, beyond_goal=brief.beyond_goal)
     task = render(brief.prompts, "task", description=brief.description, environment=brief.environment, kind=kind)
     first = (Message("system", system), Message("user", task))
+    if kind == "reward" and brief.breedings:
+        return _bred(first, brief, brief.breedings[slot])
     if brief.winner is None:
         return first
     rows = [row for row in brief.feedback if row["series"].startswith(("fitness", PREFIXES[kind]))]
     feedback = render(
-        brief.prompts, f"{kind}-feedback", epochs=max(row["epoch"] for row in rows), feedback=_lines(rows)
+        brief.prompts,
+        f"{kind}-feedback",
+        epochs=max(row["epoch"] for row in rows),
+        feedback=_lines(rows),
+        has_bonus=brief.has_bonus,
     )
     best = f"```python\n{brief.winner[f'{kind}_source'].strip()}\n```"
     return (*first, Message("assistant", best), Message("user", feedback))
+
+
+def _bred(first: tuple[Message, Message], brief: Brief, breeding: Breeding) -> tuple[Message, ...]:
+    """Returns the single question that shows the parents of a reward and how their trainings went."""
+    if not breeding.parents:
+        return first
+    parents = []
+    for name in breeding.parents:
+        rows = [row for row in brief.member_feedback if row["candidate_id"] == name]
+        shown = [row for row in rows if row["series"].startswith(("fitness", PREFIXES["reward"]))]
+        parents.append({"source": brief.members[name]["reward_source"].strip(), "feedback": _lines(shown)})
+    system, task = first
+    text = render(brief.prompts, f"reward-{breeding.operator}", parents=parents)
+    return system, Message("user", f"{task.content}\n\n{text}")
 
 
 def repair(asked: tuple[Message, ...], reply: str, verdict: Verdict, prompts: Path) -> tuple[Message, ...]:

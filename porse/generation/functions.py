@@ -13,12 +13,11 @@ from porse.code.contract import Kind
 from porse.code.verdict import Verdict
 from porse.config import Params
 from porse.errors import SearchError
+from porse.generation.answers import answers
 from porse.generation.conversations import Brief, conversation, repair
-from porse.llm.ask import ask
 from porse.llm.request import Message, Origin, Question, Reply, Request
+from porse.search.schedule import asked_kinds, is_searched
 from porse.tables import Row
-
-KINDS: tuple[Kind, ...] = ("reward", "mapping")
 
 
 @dataclass(frozen=True)
@@ -51,22 +50,28 @@ class Function:
 
 
 def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) -> list[Attempt]:
-    """Returns the first reply of every slot of both kinds, all asked for at once."""
+    """Returns the first reply of every slot of every kind that candidates are made of; none where there are none."""
+    if not is_searched(params, iteration):
+        return []
     elites = params.generate.elites if iteration > 1 else 0
-    places = [(kind, slot) for kind in KINDS for slot in range(params.generate.candidates - elites)]
-    asked = {kind: conversation(brief, kind) for kind in KINDS}
+    places = [(kind, slot) for kind in asked_kinds(params) for slot in range(params.generate.candidates - elites)]
+    asked = [conversation(brief, kind, slot) for kind, slot in places]
     questions = [
-        _question(params, asked[kind], slot, Origin("generate", iteration, f"{kind} {slot}")) for kind, slot in places
+        _question(params, messages, slot, Origin("generate", iteration, f"{kind} {slot}"))
+        for (kind, slot), messages in zip(places, asked, strict=True)
     ]
-    replies = ask(questions, params.llm, cache)
-    return [Attempt(kind, slot, 0, asked[kind], reply) for (kind, slot), reply in zip(places, replies, strict=True)]
+    replies = answers([kind for kind, _ in places], questions, params, cache)
+    return [
+        Attempt(kind, slot, 0, messages, reply)
+        for (kind, slot), messages, reply in zip(places, asked, replies, strict=True)
+    ]
 
 
-def restored_attempts(rows: Sequence[Row], brief: Brief) -> list[Attempt]:
+def restored_attempts(rows: Sequence[Row], brief: Brief, params: Params) -> list[Attempt]:
     """Returns the first attempts again from the rows of the replies table that `generate` wrote."""
     return [
-        Attempt(kind, row["slot"], row["attempt"], conversation(brief, kind), reply_of(row))
-        for kind in KINDS
+        Attempt(kind, row["slot"], row["attempt"], conversation(brief, kind, row["slot"]), reply_of(row))
+        for kind in asked_kinds(params)
         for row in rows
         if row["kind"] == kind
     ]
@@ -123,7 +128,7 @@ def _next_attempts(
         )
         for (attempt, _), messages, number in zip(broken, asked, numbers, strict=True)
     ]
-    replies = ask(questions, params.llm, cache) if questions else []
+    replies = answers([attempt.kind for attempt, _ in broken], questions, params, cache)
     return [
         Attempt(attempt.kind, attempt.slot, number, messages, reply)
         for (attempt, _), number, messages, reply in zip(broken, numbers, asked, replies, strict=True)
@@ -139,7 +144,7 @@ def _next_messages(
             f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message} Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
         )
     if number % (params.validate.max_repairs + 1) == 0:
-        return conversation(brief, attempt.kind)
+        return conversation(brief, attempt.kind, attempt.slot)
     return repair(attempt.asked, attempt.reply.text, verdict, brief.prompts)
 
 

@@ -7,15 +7,14 @@ from pathlib import Path
 from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import Params
-from porse.generation.candidates import START_POLICY
 from porse.generation.values import propose, questions_text
 from porse.llm.request import Reply
-from porse.pool import Pool, policy_file
-from porse.search.elimination import rank, score
+from porse.pool import START_POLICY, Pool, policy_file
+from porse.search.elimination import ranked_pool
 from porse.search.feedback import shown_series
 from porse.search.fusion import fuse
 from porse.search.mutation import mutant, swarm_seed, swarm_step
-from porse.search.schedule import ALPHA, BETA, varied
+from porse.search.schedule import ALPHA, BETA, mutants, varied
 from porse.tables import Row
 from porse.tasks import find_task
 
@@ -36,13 +35,15 @@ class Swarm:
 
     @staticmethod
     def propose(pool: Pool, start: Path, params: Params, iteration: int, prompts: Path, cache: Path) -> "Swarm":
-        """Returns the mutants of the pool's best survivor.
+        """Returns the mutants of the pool's best survivor; none, and no question, where the schedule has none.
 
         Raises:
             SearchError: no reply held usable values.
         """
-        kind = varied(iteration)
-        scores = rank([score(row, pool.curves, params.eliminate.window) for row in pool.candidates])
+        if not pool.candidates or not mutants(params, iteration):
+            return Swarm([], [], [])
+        kind = varied(params, iteration)
+        scores = ranked_pool(pool.candidates, pool.curves, params.eliminate.window)
         best = next(row for row in pool.candidates if row["candidate_id"] == scores[0].candidate_id)
         record = shown_series(pool.curves, best["candidate_id"])
         description = find_task(params.task).DESCRIPTION

@@ -16,7 +16,7 @@ from porse.code.verdict import Verdict
 from porse.config import Params
 from porse.generation.functions import Attempt
 from porse.identity import seed_for
-from porse.tasks import make_task
+from porse.tasks import find_task, make_task
 
 
 def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[str, Any]:
@@ -41,13 +41,15 @@ def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[s
 def checker(params: Params) -> Iterator[Callable[[Sequence[Attempt]], list[tuple[Verdict, str]]]]:
     """Gives a function from attempts to their verdicts and normalised sources, on real states of the run's task."""
     seed = seed_for(params.seed, "probe")
-    states = probe_states(params.task, params.validate.probe_envs, params.validate.probe_steps, seed)
-    variables = make_task(params.task, 1, seed).VARIABLES
+    variables = find_task(params.task).VARIABLES
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "states.safetensors"
-        save_states(path, states)
 
         def check(attempts: Sequence[Attempt]) -> list[tuple[Verdict, str]]:
+            if not path.exists():
+                save_states(
+                    path, probe_states(params.task, params.validate.probe_envs, params.validate.probe_steps, seed)
+                )
             submissions = [Submission(attempt.reply.text, attempt.kind) for attempt in attempts]
             return validate(submissions, variables, path, Limits())
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from porse.config import Params
 from porse.errors import SearchError
-from porse.llm.ask import ask
+from porse.generation.answers import answers
 from porse.llm.request import Message, Origin, Question, Reply, Request
 from porse.prompts import number, numbers, render
 from porse.search.feedback import Series
@@ -61,7 +61,8 @@ def propose(messages: tuple[Message, ...], varied: str, params: Params, iteratio
     llm, replies, reason = params.llm, list[Reply](), ""
     for sample in range(params.mutate.max_fresh + 1):
         request = Request(llm.model, messages, llm.temperature, llm.top_p, llm.max_tokens, sample)
-        [reply] = ask([Question(request, Origin("mutate", iteration, f"{varied}, attempt {sample}"))], llm, cache)
+        question = Question(request, Origin("mutate", iteration, f"{varied}, attempt {sample}"))
+        [reply] = answers([varied], [question], params, cache)
         replies.append(reply)
         try:
             return Proposal(parse_values(reply.text, varied, params.mutate.mutants, params.candidate.scale), replies)

@@ -13,4 +13,8 @@ def results_table(metrics: Mapping[str, Any]) -> str:
     for name, row in sorted(metrics["by_iteration"].items(), key=lambda item: int(item[0])):
         lines.append(f"| {name} | {row['mts']:.3f} | {row['fitness']:.3f} | {row['beta']:.3g} | {row['alpha']:.3g} |")
     lines.append(f"| all | **{metrics['mts']:.3f}** | {metrics['final_fitness']:.3f} | | |")
+    evaluation = metrics["evaluation"]
+    if evaluation["mts_std"] is not None:
+        spread = f"{evaluation['mts_mean']:.3f} +- {evaluation['mts_std']:.3f}"
+        lines.append(f"| {evaluation['seeds']} further seeds | {spread} | | | |")
     return "\n".join(lines)

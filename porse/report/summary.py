@@ -1,72 +1,31 @@
-"""A run as a whole: its tables over all iterations, its metrics, and the files that `dvc plots` draws."""
+"""A run's tables over all iterations, its metrics, and the files that `dvc plots` draws."""
 
 import csv
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from porse import tables
 from porse.config import Params
-from porse.pool import CANDIDATES_FILE, CURVES_FILE
-from porse.search.schedule import total_epochs
+from porse.report.figures import area_under_curve, chain_fitness, epochs_to, evaluation_figures, task_score
+from porse.report.run import Run
+from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
 
 
-@dataclass(frozen=True)
-class Run:
-    """All rows of a run, over its iterations."""
-
-    replies: list[Row]
-    verdicts: list[Row]
-    candidates: list[Row]
-    curves: list[Row]
-    scores: list[Row]
-    survivors: list[Row]
-    mutants: list[Row]
-    winners: list[Row]
-
-
-def read_run(folder: Path, params: Params) -> Run:
-    """Returns all rows of the run in `folder`.
-
-    Raises:
-        TableError: a table is missing or is not as declared.
-    """
-    run = Run([], [], [], [], [], [], [], [])
-    for entry in params.iterations:
-        here = folder / str(entry.n)
-        for stage in ("validate-code", "mutate"):
-            run.replies.extend(tables.read(here / stage / "replies.parquet", tables.REPLIES))
-        run.verdicts.extend(tables.read(here / "validate-code" / "verdicts.parquet", tables.VERDICTS))
-        run.mutants.extend(tables.read(here / "mutate" / "mutants.parquet", tables.MUTANTS))
-        trained: dict[str, Row] = {}
-        for rung in params.rungs:
-            pool, kept = here / f"train-{rung.rung}", here / f"eliminate-{rung.rung}"
-            trained |= {row["candidate_id"]: row for row in tables.read(pool / CANDIDATES_FILE, tables.CANDIDATES)}
-            # A pool carries the curves of earlier rungs along; each row counts where it was made.
-            curves = tables.read(pool / CURVES_FILE, tables.CURVES)
-            run.curves.extend(row for row in curves if row["rung"] == str(rung.rung))
-            run.scores.extend(tables.read(kept / "scores.parquet", tables.SCORES))
-            run.survivors.extend(tables.read(kept / "survivors.parquet", tables.SURVIVORS))
-        run.candidates.extend(trained.values())
-        run.winners.extend(tables.read(folder / str(entry.next) / "start" / "winner.parquet", tables.CANDIDATES))
-    return run
-
-
 def iteration_rows(run: Run, params: Params) -> list[Row]:
-    """Returns one row of the iterations table for each iteration."""
-    return [_iteration_row(run, winner, params) for winner in run.winners]
+    """Returns one row of the iterations table for each iteration that had candidates."""
+    last = [row for row in run.survivors if row["rung"] == str(params.rungs[-1].rung) and row["rank"] == 0]
+    candidates = {(row["iteration"], row["candidate_id"]): row for row in run.candidates}
+    return [_iteration_row(run, candidates[row["iteration"], row["candidate_id"]], row, params) for row in last]
 
 
-def _iteration_row(run: Run, winner: Row, params: Params) -> Row:
-    n = winner["iteration"]
+def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
+    n = survivor["iteration"]
     fitness = [row for row in run.curves if row["iteration"] == n and row["series"] == "fitness"]
     own = [row["value"] for row in fitness if row["candidate_id"] == winner["candidate_id"]]
-    last = [row for row in run.scores if row["iteration"] == n and row["candidate_id"] == winner["candidate_id"]]
-    final = next(row for row in last if row["rung"] == str(params.rungs[-1].rung))
     verdicts = [row for row in run.verdicts if row["iteration"] == n]
     return {
         "iteration": n,
@@ -75,7 +34,7 @@ def _iteration_row(run: Run, winner: Row, params: Params) -> Row:
         "alpha": winner["alpha"],
         "mts": max(row["value"] for row in fitness),
         "winner_mts": max(own),
-        "fitness": final["fitness"],
+        "fitness": survivor["fitness"],
         "epochs": len(fitness),
         "environment_steps": len(fitness) * params.train.num_envs * params.train.steps_per_epoch,
         "replies": len(verdicts),
@@ -84,21 +43,27 @@ def _iteration_row(run: Run, winner: Row, params: Params) -> Row:
     }
 
 
-def metrics(run: Run, iterations: Sequence[Row], params: Params) -> dict[str, Any]:
-    """Returns the run's metrics, for `dvc metrics diff`."""
-    last = iterations[-1]
+def metrics(
+    run: Run, iterations: Sequence[Row], chain: Sequence[Row], evaluation: Sequence[Row], params: Params
+) -> dict[str, Any]:
+    """Returns the run's metrics, for `dvc metrics diff`. An undefined one is null."""
     replies, valid = (sum(row[name] for row in iterations) for name in ("replies", "valid_replies"))
+    mts = max(row["mts"] for row in iterations)
     return {
-        "mts": max(row["mts"] for row in iterations),
-        "final_fitness": last["fitness"],
+        "mts": mts,
+        "hns": task_score(mts, params),
+        "final_fitness": iterations[-1]["fitness"],
+        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, chain)]),
+        "epochs_to_threshold": epochs_to(params.summarise.thresholds.get(params.task), run, params),
+        "evaluation": evaluation_figures(evaluation),
         "epochs_spent": sum(row["epochs"] for row in iterations),
-        "epochs_allowed": total_epochs(params),
+        "epochs_allowed": allowed_epochs(params),
         "environment_steps": sum(row["environment_steps"] for row in iterations),
         "failed_candidates": sum(bool(row["failure"]) for row in run.candidates),
         "replies": {
             "functions": replies,
             "valid": valid,
-            "valid_share": valid / replies,
+            "valid_share": valid / replies if replies else None,
             "all": len(run.replies),
             "prompt_tokens": sum(row["prompt_tokens"] for row in run.replies),
             "completion_tokens": sum(row["completion_tokens"] for row in run.replies),
@@ -111,10 +76,18 @@ def metrics(run: Run, iterations: Sequence[Row], params: Params) -> dict[str, An
     }
 
 
-def write_summary(run: Run, params: Params, results: Path, metrics_file: Path, plots: Path) -> list[Row]:
+def write_summary(
+    run: Run,
+    chain: Sequence[Row],
+    evaluation: Sequence[Row],
+    params: Params,
+    results: Path,
+    metrics_file: Path,
+    plots: Path,
+) -> list[Row]:
     """Writes the tables, the metrics and the plots' data; returns the rows of the iterations table."""
     iterations = iteration_rows(run, params)
-    written: dict[Table, list[Row]] = {
+    written: dict[Table, Sequence[Row]] = {
         tables.REPLIES: run.replies,
         tables.VERDICTS: run.verdicts,
         tables.CANDIDATES: run.candidates,
@@ -123,31 +96,18 @@ def write_summary(run: Run, params: Params, results: Path, metrics_file: Path, p
         tables.SURVIVORS: run.survivors,
         tables.MUTANTS: run.mutants,
         tables.ITERATIONS: iterations,
+        tables.EVALUATION: evaluation,
     }
     for table, rows in written.items():
         tables.write(results / f"{table.name}.parquet", table, rows)
-    text = json.dumps(metrics(run, iterations, params), indent=2, sort_keys=True)
+    text = json.dumps(metrics(run, iterations, chain, evaluation, params), indent=2, sort_keys=True)
     metrics_file.write_text(f"{text}\n", encoding="utf-8")
-    _write_csv(plots / "fitness.csv", ("epoch", "fitness", "candidate"), lineage_rows(run))
+    points = enumerate(chain_fitness(run.curves, chain), start=1)
+    lines = ([epoch, fitness, link["candidate_id"]] for epoch, (link, fitness) in points)
+    _write_csv(plots / "fitness.csv", ("epoch", "fitness", "candidate"), lines)
     shown = ("iteration", "mts", "winner_mts", "fitness", "beta", "alpha")
     _write_csv(plots / "iterations.csv", shown, ([row[name] for name in shown] for row in iterations))
     return iterations
-
-
-def lineage_rows(run: Run) -> Iterable[list[Any]]:
-    """Yields (epoch counted over all iterations, fitness, candidate) along the chain of winners."""
-    done = 0
-    for winner in run.winners:
-        rows = [
-            row
-            for row in run.curves
-            if row["iteration"] == winner["iteration"]
-            and row["candidate_id"] == winner["candidate_id"]
-            and row["series"] == "fitness"
-        ]
-        for row in sorted(rows, key=lambda row: row["epoch"]):
-            yield [done + row["epoch"], row["value"], winner["candidate_id"]]
-        done += max(row["epoch"] for row in rows)
 
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

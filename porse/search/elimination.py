@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from porse.config import Params
 from porse.errors import SearchError
 from porse.tables import Row
 
@@ -16,7 +17,7 @@ class Score:
         candidate_id: whose.
         fitness: mean fitness over the last `window` epochs.
         mts: highest fitness so far.
-        failed: whether its training ended early; it ranks behind all others.
+        failed: whether its training ended early, or another probe took its place; it ranks behind all others.
     """
 
     candidate_id: str
@@ -39,19 +40,32 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
     return Score(name, math.fsum(last) / len(last), max(fitness), failed=False)
 
 
+def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -> list[Score]:
+    """Returns the scores of a pool's candidates, best first; those that are not as old as the oldest count as failed."""
+    oldest = max((row["epochs"] for row in candidates), default=0)
+    scores = [score(row, curves, window) for row in candidates]
+    young = {row["candidate_id"] for row in candidates if row["epochs"] < oldest}
+    return rank([replace(entry, failed=entry.failed or entry.candidate_id in young) for entry in scores])
+
+
 def rank(scores: Sequence[Score]) -> list[Score]:
     """Returns the scores, best first. The order is total: no two candidates have one id."""
     return sorted(scores, key=lambda s: (s.failed, -s.fitness, -s.mts, s.candidate_id))
+
+
+def how_many_go_on(params: Params, declared: int, pool: int) -> int:
+    """Returns how many of a pool go on after a rung that declares `declared` of them."""
+    return {"rungs": declared, "all": pool, "one": 1}[params.eliminate.keep]
 
 
 def survivors(ranked: Sequence[Score], keep: int, where: str) -> list[Score]:
     """Returns the `keep` best that did not fail.
 
     Raises:
-        SearchError: all failed.
+        SearchError: all of them failed; an empty pool is no failure.
     """
     alive = [entry for entry in ranked if not entry.failed]
-    if not alive:
+    if ranked and not alive:
         raise SearchError(
             f"expected a candidate whose training did not fail at {where}, found none among {len(ranked)}; read the column failure of the candidates table there, then change the prompts or the model"
         )

@@ -1,4 +1,4 @@
-"""The tasks, by name. Adding one means adding its class to `TASKS`."""
+"""The tasks, by name. Adding one here means adding its class to `TASKS`; one of your own is named "module:Class"."""
 
 import difflib
 
@@ -20,6 +20,7 @@ from porse.tasks.humanoid import Humanoid
 from porse.tasks.kettle import Kettle
 from porse.tasks.lift_underarm import LiftUnderarm
 from porse.tasks.over import Over
+from porse.tasks.own import check_task, find_own_task, is_own
 from porse.tasks.pen import Pen
 from porse.tasks.push_block import PushBlock
 from porse.tasks.quadcopter import Quadcopter
@@ -60,11 +61,13 @@ TASKS: dict[str, type[Task]] = {
 
 
 def find_task(name: str) -> type[Task]:
-    """Returns the class of the task with that name.
+    """Returns the class of the task with that name: a name in `TASKS`, or "module:Class" for a task of your own.
 
     Raises:
         TaskError: no task has that name.
     """
+    if is_own(name):
+        return find_own_task(name)
     if name not in TASKS:
         near = difflib.get_close_matches(name, TASKS, n=3) or sorted(TASKS)
         raise TaskError(
@@ -77,12 +80,15 @@ def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> Task:
     """Returns a new task with its first episodes started.
 
     Args:
-        name: a name in `TASKS`.
+        name: a name in `TASKS`, or "module:Class".
         num_envs: number of environments.
         seed: seed of the task's own generator.
         threads: native threads of the physics; changes no result.
 
     Raises:
-        TaskError: no task has that name.
+        TaskError: no task has that name, or a task of your own is not what its class says.
     """
-    return find_task(name)(num_envs, seed, threads)
+    task = find_task(name)(num_envs, seed, threads)
+    if is_own(name):
+        check_task(task)
+    return task

@@ -1,7 +1,7 @@
 """Anymal: a quadruped follows commanded forward, sideways and turning velocities.
 
-After the Isaac Gym task of that name. Departures: four physics steps of 5 ms a control step instead of two of 10 ms;
-legs meet the floor only; masses of the links are ours (their sum is the robot's).
+After the Isaac Gym task of that name. Departures: eight physics steps of 2.5 ms a control step instead of two of 10 ms,
+so that feet stay out of the floor; legs meet the floor only; masses of the links are ours (their sum is the robot's).
 """
 
 from typing import ClassVar
@@ -12,7 +12,8 @@ from torch import Tensor
 
 from porse.sim import rotations
 from porse.tasks.anymal_scene import JOINTS, anymal_scene
-from porse.tasks.base import Task, plain_variables
+from porse.tasks.plain import plain_variables
+from porse.tasks.walking import WalkingTask
 from porse.variables import Variable
 
 DEFAULT = torch.tensor([0.03, 0.4, -0.8, 0.03, -0.4, 0.8, -0.03, 0.4, -0.8, -0.03, -0.4, 0.8])
@@ -23,20 +24,20 @@ TOUCHED = 1.0
 """Contact force (N) on the base or a thigh above which an episode ends."""
 
 
-class Anymal(Task):
+class Anymal(WalkingTask):
     """Follow velocity commands."""
 
     NAME: ClassVar[str] = "Anymal"
-    FAMILY: ClassVar[str] = "isaac"
     DESCRIPTION: ClassVar[str] = "to make the quadruped follow randomly chosen x, y, and yaw target velocities"
     NUM_OBSERVATIONS: ClassVar[int] = 48
     NUM_ACTIONS: ClassVar[int] = 12
     EPISODE_LENGTH: ClassVar[int] = 2500
     TIME_LIMIT: ClassVar[int] = 2499
     CONTROL_DT: ClassVar[float] = 0.02
-    SUBSTEPS: ClassVar[int] = 4
-    OBSERVATION_CLIP: ClassVar[float] = 5.0
+    SUBSTEPS: ClassVar[int] = 8
     FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "sensordata")
+    JOINTS: ClassVar[tuple[str, ...]] = JOINTS
+    FORCES: ClassVar[dict[str, int]] = {"torques": 12, "_touch": 5}
     MEASURED: ClassVar[tuple[str, ...]] = ("torques", "_touch", "commands")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the base"),
@@ -57,21 +58,20 @@ class Anymal(Task):
     dof_pos_scale: ClassVar[float] = 1.0
     dof_vel_scale: ClassVar[float] = 0.05
 
+    commands: Tensor
+    torques: Tensor
+    _touch: Tensor
+
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
         """Returns the quadruped on a plane."""
         return anymal_scene()
 
     def _prepare(self) -> None:
-        model = self._physics.model
-        joints = [model.joint(name) for name in JOINTS]
-        self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
-        self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
+        super()._prepare()
         self.default_dof_pos = DEFAULT.repeat(self.num_envs, 1)
         self.gravity_vec = torch.tensor([0.0, 0.0, -1.0]).repeat(self.num_envs, 1)
         self.commands = torch.zeros(self.num_envs, 3)
-        self.torques = torch.zeros(self.num_envs, 12)
-        self._touch = torch.zeros(self.num_envs, 5)
 
     def _start(self, ids: Tensor) -> None:
         n = len(ids)
@@ -89,28 +89,6 @@ class Anymal(Task):
         self.torques = (read("qfrc_actuator") + read("qfrc_passive"))[:, self._qvel_index]
         self._touch = read("sensordata")
         self._name_measurements()
-
-    def _measure_started(self, ids: Tensor) -> None:
-        # Forces belong to a step, and an episode that begins has had none.
-        self.torques[ids] = 0.0
-        self._touch[ids] = 0.0
-        self._name_measurements()
-
-    def _remeasure(self) -> None:
-        self._name_measurements()
-
-    def _name_measurements(self) -> None:
-        """Sets the variables from the joints."""
-        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
-        orientation = qpos[:, [4, 5, 6, 3]]
-        # MuJoCo keeps a free joint's angular velocity in the body's own frame.
-        spin = rotations.rotate(orientation, qvel[:, 3:6])
-        self.root_states = torch.cat((qpos[:, 0:3], orientation, qvel[:, 0:3], spin), dim=-1)
-        self.dof_pos = qpos[:, self._qpos_index]
-        self.dof_vel = qvel[:, self._qvel_index]
-
-    def _record(self) -> None:
-        pass  # the statistic is the mean of the present errors
 
     def compute_observations(self) -> Tensor:
         """Returns the observations before clipping, `(num_envs, 48)`. Gravity is turned as in the original."""

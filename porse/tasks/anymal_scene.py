@@ -18,9 +18,9 @@ EFFORT = 80.0
 _XML = """
 <mujoco model="Anymal">
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.005" integrator="implicitfast"/>
+  <option integrator="implicitfast"/>
   <default>
-    <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.01 1" rgba="0.3 0.3 0.35 1"/>
+    <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.005 1" rgba="0.3 0.3 0.35 1"/>
     <joint damping="{damping}"/>
     <site group="4" rgba="1 0 0 0"/>
     <position kp="{stiffness}" forcerange="-{effort} {effort}"/>

@@ -11,8 +11,6 @@ A task here is a vector of `num_envs` environments. One control step is
 Nothing draws from a global generator, and `state` holds everything that a bit-exact continuation needs.
 """
 
-import inspect
-import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import ClassVar
@@ -23,25 +21,10 @@ from torch import Tensor
 
 from porse.errors import TaskError
 from porse.sim.physics import CpuPhysics
+from porse.tasks.source import observation_source
 from porse.variables import Variable
 
 Value = Tensor | int | float | torch.device
-
-PLAIN_VARIABLES = (
-    Variable("actions", "tensor", (), "1", "-", "the last actions, clamped to [-1, 1]; 0 after a reset"),
-    Variable("obs_buf", "tensor", (), "1", "-", "the observations before clipping"),
-    Variable("progress_buf", "tensor", (), "steps", "-", "control steps since the episode began (int64)"),
-    Variable("num_envs", "int", (), "1", "-", "number of environments"),
-    Variable("device", "device", (), "-", "-", "device of every tensor"),
-)
-
-
-def plain_variables(observations: int, actions: int) -> tuple[Variable, ...]:
-    """Returns the variables that every task offers, with the widths of one task."""
-    shapes = {"actions": (actions,), "obs_buf": (observations,)}
-    return tuple(
-        Variable(v.name, v.kind, shapes.get(v.name, v.shape), v.unit, v.frame, v.meaning) for v in PLAIN_VARIABLES
-    )
 
 
 class Task(ABC):
@@ -53,7 +36,7 @@ class Task(ABC):
 
     Attributes:
         NAME: the task's name.
-        FAMILY: "isaac" or "bidex", after the suite that it comes from.
+        FAMILY: "isaac" or "bidex", after the suite that it comes from; "own" for a task of your own.
         DESCRIPTION: the task text that prompts show.
         NUM_OBSERVATIONS: width of an observation.
         NUM_ACTIONS: width of an action; each lies in [-1, 1].
@@ -72,7 +55,7 @@ class Task(ABC):
     """
 
     NAME: ClassVar[str]
-    FAMILY: ClassVar[str]
+    FAMILY: ClassVar[str] = "own"
     DESCRIPTION: ClassVar[str]
     NUM_OBSERVATIONS: ClassVar[int]
     NUM_ACTIONS: ClassVar[int]
@@ -80,7 +63,7 @@ class Task(ABC):
     TIME_LIMIT: ClassVar[int]
     CONTROL_DT: ClassVar[float]
     SUBSTEPS: ClassVar[int]
-    OBSERVATION_CLIP: ClassVar[float]
+    OBSERVATION_CLIP: ClassVar[float] = float("inf")
     FIELDS: ClassVar[tuple[str, ...]] = ()
     MEASURED: ClassVar[tuple[str, ...]] = ()
     VARIABLES: ClassVar[tuple[Variable, ...]]
@@ -110,7 +93,9 @@ class Task(ABC):
         self.actions = torch.zeros(num_envs, self.NUM_ACTIONS)
         self._generator = torch.Generator().manual_seed(seed)
         self._diverged = torch.zeros(num_envs, dtype=torch.bool)
-        self._physics = CpuPhysics(self.scene().compile(), num_envs, threads, self.FIELDS)
+        scene = self.scene()
+        scene.option.timestep = self.CONTROL_DT / self.SUBSTEPS
+        self._physics = CpuPhysics(scene.compile(), num_envs, threads, self.FIELDS)
         self._prepare()
         self.reset(torch.ones(num_envs, dtype=torch.bool))
 
@@ -119,10 +104,9 @@ class Task(ABC):
     @classmethod
     @abstractmethod
     def scene(cls) -> mujoco.MjSpec:
-        """Returns the scene as a MuJoCo specification."""
+        """Returns the scene as a MuJoCo specification; its time step is set by `CONTROL_DT` and `SUBSTEPS`."""
 
-    @abstractmethod
-    def _prepare(self) -> None:
+    def _prepare(self) -> None:  # noqa: B027  a small task has nothing to prepare
         """Looks up indices in the compiled model and makes the buffers that live as long as the task."""
 
     @abstractmethod
@@ -142,17 +126,16 @@ class Task(ABC):
         del ids
         self._measure()
 
-    @abstractmethod
-    def _record(self) -> None:
+    def _record(self) -> None:  # noqa: B027  a fitness of the present state keeps nothing
         """Keeps the fitness statistic, after a step."""
 
     @abstractmethod
     def compute_observations(self) -> Tensor:
         """Returns the observations before clipping, `(num_envs, NUM_OBSERVATIONS)`."""
 
-    @abstractmethod
     def failed(self) -> Tensor:
-        """Returns which episodes the task's own rule ends, bool `(num_envs,)`."""
+        """Returns nowhere: only the time limit ends an episode."""
+        return torch.zeros(self.num_envs, dtype=torch.bool)
 
     @abstractmethod
     def fitness(self) -> float:
@@ -162,9 +145,9 @@ class Task(ABC):
     def sparse_reward(self) -> Tensor:
         """Returns the fitness as a reward of each step, float32 `(num_envs,)`."""
 
-    @abstractmethod
     def human_reward(self) -> Tensor:
-        """Returns the reward that people wrote for the original task, float32 `(num_envs,)`."""
+        """Returns the reward that people wrote for the original task, float32 `(num_envs,)`; else the sparse one."""
+        return self.sparse_reward()
 
     # What callers use.
 
@@ -269,20 +252,7 @@ class Task(ABC):
     @classmethod
     def observation_source(cls) -> str:
         """Returns the observation code as prompts show it: the variables, then the real `compute_observations`."""
-        lines = [
-            f"class {cls.NAME}:",
-            f"    # {cls.NUM_ACTIONS} actions in [-1, 1], control step {cls.CONTROL_DT:g} s, at most "
-            f"{cls.EPISODE_LENGTH} steps an episode.",
-            "    # First dimension num_envs, float32, quaternions (x, y, z, w), unless said.",
-        ]
-        for v in cls.VARIABLES:
-            shape = ", ".join(("num_envs", *map(str, v.shape)))
-            kind = f"({shape}{',' if not v.shape else ''})" if v.kind == "tensor" else v.kind
-            frame = "" if v.frame == "-" else f", {v.frame} frame"
-            lines.append(f"    # self.{v.name}: {kind}, {v.unit}{frame}: {v.meaning}")
-        source = textwrap.dedent(inspect.getsource(cls.compute_observations))
-        helpers = [inspect.getsource(helper) for helper in cls.OBSERVATION_HELPERS]
-        return "\n\n".join([*helpers, "\n".join(lines) + "\n\n" + textwrap.indent(source, "    ")])
+        return observation_source(cls)
 
     # What the base does for itself.
 

@@ -8,12 +8,13 @@ import torch
 from torch import Tensor
 
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 FRICTION = 0.375
-LOST = 0.75
 NEAR = 0.07
 LOWER = (0.0, 0.0, 0.625)
 UPPER = (0.0, 0.0, 0.675)
@@ -21,13 +22,12 @@ PADDING = 4
 """Entries of the original's observations that it never writes."""
 
 
-class BlockStack(FreeHandTask):
+class BlockStack(HandleTask):
     """Stack the cubes."""
 
     NAME: ClassVar[str] = "BlockStack"
     DESCRIPTION: ClassVar[str] = "two shadow hands stack two blocks into a tower"
     NUM_OBSERVATIONS: ClassVar[int] = 428
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 250
     TIME_LIMIT: ClassVar[int] = 250
     FORCE_SCALE: ClassVar[float] = 0.2
@@ -42,17 +42,17 @@ class BlockStack(FreeHandTask):
         Handle("block_right_handle", "object"),
         Handle("block_left_handle", "block"),
     )
+    RIGHT_HANDLE: ClassVar[str] = "block_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "block_left_handle"
+    LOST: ClassVar[float] = 0.75
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right cube"),
         *goal_variables("goal", "the goal: 10 cm beside it, toward -y, the tower stands"),
         *body_variables("block", "the left cube"),
         *point_variables("block_right_handle", "the right cube"),
         *point_variables("block_left_handle", "the left cube"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     block_pose: Tensor
     block_linvel: Tensor
@@ -73,12 +73,8 @@ class BlockStack(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
-                self.block_pose,
-                self.block_linvel,
-                0.2 * self.block_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                moving_body(self.block_pose, self.block_linvel, self.block_angvel),
                 torch.zeros(self.num_envs, PADDING),
             ),
             dim=-1,
@@ -91,10 +87,6 @@ class BlockStack(FreeHandTask):
             torch.norm(torch.tensor(LOWER) - self.block_right_handle_pos, dim=-1),
         )
 
-    def reaches(self) -> tuple[Tensor, Tensor]:
-        """Returns how far (m, sums over the fingers) each hand is from its cube, `(num_envs,)` each."""
-        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
-
     def stacked(self) -> Tensor:
         """Returns 50 (0.05 - height error of the left cube) where both cubes are near their places, else 0."""
         upper, lower = self.gaps()
@@ -104,11 +96,6 @@ class BlockStack(FreeHandTask):
     def succeeded(self) -> Tensor:
         """Returns where the cubes are stacked, with a height error below 3 cm."""
         return self.stacked() > 1.0
-
-    def failed(self) -> Tensor:
-        """Returns where a hand is lost."""
-        right, left = self.reaches()
-        return (right >= LOST) | (left >= LOST)
 
     def human_reward(self) -> Tensor:
         """Returns 1.5 minus both reaches, plus 2 (0.24 - both gaps) with both hands near, plus the stack term."""

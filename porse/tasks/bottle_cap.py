@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, two_hand_variables
+from porse.tasks.free_hands import FreeHandTask, Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
 from porse.variables import Variable
 
 FRICTION = 2.0
@@ -36,7 +37,6 @@ class BottleCap(FreeHandTask):
         "one shadow hand holds a bottle, and the other opens its cap without letting the bottle fall"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 422
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125
     FORCE_SCALE: ClassVar[float] = 0.1
@@ -57,11 +57,8 @@ class BottleCap(FreeHandTask):
         Variable("bottle_pos", "tensor", (3,), "m", "world", "position of the bottle"),
         Variable("bottle_cap_pos", "tensor", (3,), "m", "world", "point of the bottle where the cap sits"),
         Variable("bottle_cap_up", "tensor", (3,), "m", "world", "position of the cap, which rises from the bottle"),
-        *palm_variables(),
-        *finger_variables("right"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS, fingers=("right",)),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     bottle_pos: Tensor
     bottle_cap_pos: Tensor
@@ -91,9 +88,7 @@ class BottleCap(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.bottle_pos,
                 self.bottle_cap_pos,
                 self.bottle_cap_up,

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.hands import TwoHandTask, body_variables, goal_variables, two_hand_variables
+from porse.tasks.hand_variables import body_variables, goal_variables, two_hand_variables
+from porse.tasks.hands import TwoHandTask
 from porse.variables import Variable
 
 EGG_RADII = (0.03, 0.03, 0.04)
@@ -65,15 +66,6 @@ class CatchTask(TwoHandTask):
     GOAL: ClassVar[tuple[float, float, float]]
     DROPPED: ClassVar[float]
     DISTANCE_SCALE: ClassVar[float]
-
-    object_pose: Tensor
-    object_pos: Tensor
-    object_rot: Tensor
-    object_linvel: Tensor
-    object_angvel: Tensor
-    goal_pose: Tensor
-    goal_pos: Tensor
-    goal_rot: Tensor
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:

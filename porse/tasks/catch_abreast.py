@@ -8,7 +8,7 @@ from torch import Tensor
 from porse.tasks import shadow
 from porse.tasks.catch import catch_variables
 from porse.tasks.catch_free import FreeCatchTask
-from porse.tasks.free_hands import palm_variables
+from porse.tasks.hand_variables import palm_variables
 from porse.tasks.hands import HAND_BODIES, PALM
 from porse.variables import Variable
 

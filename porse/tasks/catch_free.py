@@ -5,10 +5,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.sim import rotations
 from porse.tasks.catch import CatchTask, catch_variables
-from porse.tasks.free_hands import FreeHandTask, free_hands
-from porse.tasks.hands import hand_observations
+from porse.tasks.free_hands import FreeHandTask
+from porse.tasks.hand_observations import free_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hand_variables import FREE_ACTIONS
 from porse.variables import Variable
 
 
@@ -16,9 +16,8 @@ class FreeCatchTask(CatchTask, FreeHandTask):
     """Throw and catch with hands that move."""
 
     NUM_OBSERVATIONS: ClassVar[int] = 422
-    NUM_ACTIONS: ClassVar[int] = 52
-    VARIABLES: ClassVar[tuple[Variable, ...]] = catch_variables(NUM_ACTIONS, NUM_OBSERVATIONS)
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
+    VARIABLES: ClassVar[tuple[Variable, ...]] = catch_variables(FREE_ACTIONS, NUM_OBSERVATIONS)
+    OBSERVATION_HELPERS = (hand_observations, free_hands, moving_body, goal_and_turn)
     PER_ENV_STATISTIC: ClassVar[bool] = True
 
     def _name_measurements(self) -> None:
@@ -29,11 +28,8 @@ class FreeCatchTask(CatchTask, FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.root_state_tensor[:, 0, 0:3], self.root_state_tensor[:, 1, 0:3]),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
-                self.goal_pose,
-                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                goal_and_turn(self.object_pose, self.goal_pose),
             ),
             dim=-1,
         )

@@ -12,8 +12,10 @@ import torch
 from torch import Tensor
 
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 FRICTION = 0.55
@@ -68,21 +70,18 @@ def handles(offset: float) -> tuple[Handle, ...]:
     )
 
 
-class DoorTask(FreeHandTask):
+class DoorTask(HandleTask):
     """A double door to be opened or closed.
 
     Attributes:
         EULER: orientation of the door.
         OPENS: whether success is an open door (else a closed one).
         CONSTANT: constant of the human reward.
-        LOST: sum of fingertip distances (m) to its handle at which a hand is lost, and the episode with it.
     """
 
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 250
     TIME_LIMIT: ClassVar[int] = 250
-    FORCE_SCALE: ClassVar[float] = 0.5
     TORQUE_SCALE: ClassVar[float] = 0.5
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_0", "link_1", "link_2", "goal")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
@@ -91,11 +90,11 @@ class DoorTask(FreeHandTask):
         *goal_variables("goal", "the goal (the door's own place)"),
         *point_variables("door_left_handle", "the handle for the left hand"),
         *point_variables("door_right_handle", "the handle for the right hand"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
+
+    RIGHT_HANDLE: ClassVar[str] = "door_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "door_left_handle"
 
     EULER: ClassVar[objects.Vector]
     OPENS: ClassVar[bool]
@@ -116,9 +115,7 @@ class DoorTask(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.door_left_handle_pos,
                 self.door_right_handle_pos,
             ),
@@ -133,16 +130,9 @@ class DoorTask(FreeHandTask):
         """Returns where the handles are more (opening tasks) or less (closing tasks) than half a metre apart."""
         return self.separation() > HALF_OPEN if self.OPENS else self.separation() < HALF_OPEN
 
-    def failed(self) -> Tensor:
-        """Returns where a hand is lost."""
-        right = self.reach("right", self.door_right_handle_pos)
-        left = self.reach("left", self.door_left_handle_pos)
-        return (right >= self.LOST) | (left >= self.LOST)
-
     def human_reward(self) -> Tensor:
         """Returns CONSTANT minus both reaches, and with both hands near 2 s (opening) or 1 - 2 s (closing)."""
-        right = self.reach("right", self.door_right_handle_pos)
-        left = self.reach("left", self.door_left_handle_pos)
+        right, left = self.reaches()
         spread = 2.0 * self.separation()
         moved = spread if self.OPENS else 1.0 - spread
         both = (right < 0.5) & (left < 0.5)

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
-from porse.tasks.base import plain_variables
 from porse.tasks.franka_scene import franka_scene
+from porse.tasks.plain import plain_variables
 from porse.tasks.success import SuccessTask
 from porse.variables import Variable
 

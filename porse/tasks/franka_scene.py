@@ -15,7 +15,7 @@ PROP_SIZE = 0.04
 _XML = """
 <mujoco model="FrankaCabinet">
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.0083" integrator="implicitfast"/>
+  <option integrator="implicitfast"/>
   <default>
     <default class="arm">
       <geom type="capsule" contype="1" conaffinity="2" group="1" rgba="0.9 0.9 0.9 1" mass="0"/>

@@ -4,6 +4,7 @@ A force and a torque act on each forearm, and a strong drag slows the hand (see 
 moves with a body; rewards are about the distances between it and the fingertips.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,10 +13,10 @@ from torch import Tensor
 
 from porse.sim import rotations
 from porse.tasks import shadow
-from porse.tasks.hands import DISTAL, HAND_BODIES, PALM, TwoHandTask, hand_observations, point_variables
-from porse.variables import Variable
+from porse.tasks.hand_observations import free_hands, hand_observations, moving_body
+from porse.tasks.hand_variables import FREE_ACTIONS, SIDES
+from porse.tasks.hands import DISTAL, HAND_BODIES, PALM, TwoHandTask
 
-SIDES = ("right", "left")
 PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
 """Palm point in the frame of the palm (m)."""
 
@@ -38,21 +39,6 @@ class Handle:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def palm_variables() -> tuple[Variable, ...]:
-    """Returns the palm points of both hands as variables."""
-    return tuple(v for side in SIDES for v in point_variables(f"{side}_hand", f"the palm of the {side} hand"))
-
-
-def finger_variables(*sides: str) -> tuple[Variable, ...]:
-    """Returns the fingertip points of the named hands as variables."""
-    return tuple(
-        v
-        for side in sides
-        for finger in shadow.FINGERS
-        for v in point_variables(f"{side}_hand_{finger}", f"the {finger} fingertip of the {side} hand")
-    )
-
-
 class FreeHandTask(TwoHandTask):
     """Two hands that move as wholes, and objects with handles.
 
@@ -63,6 +49,8 @@ class FreeHandTask(TwoHandTask):
     """
 
     FREE: ClassVar[bool] = True
+    NUM_ACTIONS: ClassVar[int] = FREE_ACTIONS
+    OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = (hand_observations, free_hands, moving_body)
     BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "goal"))
     HANDLES: ClassVar[tuple[Handle, ...]] = ()
     START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {}
@@ -71,14 +59,6 @@ class FreeHandTask(TwoHandTask):
     right_hand_rot: Tensor
     left_hand_pos: Tensor
     left_hand_rot: Tensor
-    object_pose: Tensor
-    object_pos: Tensor
-    object_rot: Tensor
-    object_linvel: Tensor
-    object_angvel: Tensor
-    goal_pose: Tensor
-    goal_pos: Tensor
-    goal_rot: Tensor
 
     def _place(self, ids: Tensor) -> None:
         for name, (position, speed) in self.START_JOINTS.items():
@@ -115,22 +95,3 @@ class FreeHandTask(TwoHandTask):
     def joint_position(self, name: str) -> Tensor:
         """Returns the angle (rad) or travel (m) of an object's joint, `(num_envs,)`."""
         return self._physics.qpos[:, int(self._physics.model.joint(name).qposadr[0])].float()
-
-
-def free_hands(env: TwoHandTask, right_position: Tensor, left_position: Tensor) -> Tensor:
-    """Returns the observations of both hands, 199 each: `hand_observations` with a position and Euler angles."""
-    right = torch.cat((right_position, rotations.euler_xyz(env.root_state_tensor[:, 0, 3:7])), dim=-1)
-    left = torch.cat((left_position, rotations.euler_xyz(env.root_state_tensor[:, 1, 3:7])), dim=-1)
-    return torch.cat(
-        (
-            hand_observations(
-                env.shadow_hand_dof_pos, env.shadow_hand_dof_vel, env.dof_force_tensor[:, :24],
-                env.fingertip_state, env.vec_sensor_tensor[:, :30], right, env.actions[:, :26],
-            ),
-            hand_observations(
-                env.shadow_hand_another_dof_pos, env.shadow_hand_another_dof_vel, env.dof_force_tensor[:, 24:],
-                env.fingertip_another_state, env.vec_sensor_tensor[:, 30:], left, env.actions[:, 26:],
-            ),
-        ),
-        dim=-1,
-    )  # fmt: skip

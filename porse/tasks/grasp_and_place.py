@@ -1,23 +1,23 @@
 """GraspAndPlace: a cube is picked up and put into a bucket."""
 
-import math
 from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks import objects
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
-LOST = 1.5
 NEAR = 0.2
 """Distance (m) between cube and bucket below which the task is solved."""
 
 
-class GraspAndPlace(FreeHandTask):
+class GraspAndPlace(HandleTask):
     """Put the cube into the bucket."""
 
     NAME: ClassVar[str] = "GraspAndPlace"
@@ -26,29 +26,24 @@ class GraspAndPlace(FreeHandTask):
         "object into the bucket"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 425
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 500
     TIME_LIMIT: ClassVar[int] = 500
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "block", "goal", "table")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "block", "goal", "table")
     HANDLES: ClassVar[tuple[Handle, ...]] = (
         Handle("block_right_handle", "link_1"),
         Handle("block_left_handle", "block"),
     )
+    RIGHT_HANDLE: ClassVar[str] = "block_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "block_left_handle"
+    LOST: ClassVar[float] = 1.5
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the bucket"),
         *point_variables("goal", "the goal (the bucket's own place)"),
         *point_variables("block_right_handle", "the bucket, for the right hand"),
         *point_variables("block_left_handle", "the cube, for the left hand"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     block_right_handle_pos: Tensor
     block_right_handle_rot: Tensor
@@ -70,9 +65,7 @@ class GraspAndPlace(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.block_right_handle_pos,
                 self.block_right_handle_rot,
                 self.block_left_handle_pos,
@@ -81,10 +74,6 @@ class GraspAndPlace(FreeHandTask):
             dim=-1,
         )
 
-    def reaches(self) -> tuple[Tensor, Tensor]:
-        """Returns how far (m, sums over the fingers) each hand is from its object, `(num_envs,)` each."""
-        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
-
     def gap(self) -> Tensor:
         """Returns the distance (m) between cube and bucket, `(num_envs,)`."""
         return torch.norm(self.block_right_handle_pos - self.block_left_handle_pos, dim=-1)
@@ -92,11 +81,6 @@ class GraspAndPlace(FreeHandTask):
     def succeeded(self) -> Tensor:
         """Returns where the cube is within 20 cm of the bucket."""
         return self.gap() < NEAR
-
-    def failed(self) -> Tensor:
-        """Returns where a hand is lost."""
-        right, left = self.reaches()
-        return (right >= LOST) | (left >= LOST)
 
     def human_reward(self) -> Tensor:
         """Returns exp(-10 reach) for each hand plus 2 exp(-10 gap)."""

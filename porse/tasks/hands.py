@@ -15,9 +15,8 @@ from torch import Tensor
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
 from porse.tasks import shadow
-from porse.tasks.base import plain_variables
+from porse.tasks.hand_observations import JOINT_RANGES
 from porse.tasks.success import SuccessTask
-from porse.variables import Variable
 
 HAND_BODIES = len(shadow.BODIES)
 HAND_JOINTS = len(shadow.JOINTS)
@@ -26,51 +25,6 @@ DISTAL = [shadow.BODIES.index(f"{finger}distal") for finger in shadow.FINGERS]
 
 _LINEAR_GAIN = 1e5
 _ANGULAR_GAIN = 1e3
-
-
-JOINT_RANGES = torch.tensor(shadow.RANGES)
-"""Lower and upper limits (rad) of a hand's joints, `(24, 2)`."""
-
-
-def body_variables(name: str, meaning: str) -> tuple[Variable, ...]:
-    """Returns pose, position, orientation and velocities of one body as variables."""
-    return (
-        Variable(f"{name}_pose", "tensor", (7,), "m, 1", "world", f"position and orientation of {meaning}"),
-        Variable(f"{name}_pos", "tensor", (3,), "m", "world", f"position of {meaning}"),
-        Variable(f"{name}_rot", "tensor", (4,), "1", "world", f"orientation of {meaning}"),
-        Variable(f"{name}_linvel", "tensor", (3,), "m/s", "world", f"linear velocity of {meaning}"),
-        Variable(f"{name}_angvel", "tensor", (3,), "rad/s", "world", f"angular velocity of {meaning}"),
-    )
-
-
-def goal_variables(name: str, meaning: str) -> tuple[Variable, ...]:
-    """Returns pose, position and orientation of a goal as variables."""
-    return body_variables(name, meaning)[:3]
-
-
-def point_variables(name: str, meaning: str) -> tuple[Variable, ...]:
-    """Returns position and orientation of a point as variables."""
-    return body_variables(name, meaning)[1:3]
-
-
-def hand_variables() -> tuple[Variable, ...]:
-    """Returns what every two-hand task offers about its hands."""
-    found: list[Variable] = []
-    for side, word in (("right", ""), ("left", "another_")):
-        tips = f"fingertips of the {side} hand (ff, mf, rf, lf, th)"
-        found += [
-            Variable(f"fingertip_{word}state", "tensor", (5, 13), "m, 1, m/s, rad/s", "world",
-                     f"position, orientation and velocities of the last links of the {tips}"),
-            Variable(f"fingertip_{word}pos", "tensor", (5, 3), "m", "world", f"positions of the last links, {tips}"),
-            Variable(f"shadow_hand_{word}dof_pos", "tensor", (24,), "rad", "joint", f"joint angles of the {side} hand"),
-            Variable(f"shadow_hand_{word}dof_vel", "tensor", (24,), "rad/s", "joint", f"joint speeds, {side} hand"),
-        ]  # fmt: skip
-    return (
-        *found,
-        Variable("dof_force_tensor", "tensor", (48,), "N m", "joint", "joint torques, right hand, then left"),
-        Variable("vec_sensor_tensor", "tensor", (60,), "N, N m", "body",
-                 "force and torque at each fingertip, right hand, then left"),
-    )  # fmt: skip
 
 
 class TwoHandTask(SuccessTask):
@@ -119,6 +73,14 @@ class TwoHandTask(SuccessTask):
     fingertip_pos: Tensor
     fingertip_another_state: Tensor
     fingertip_another_pos: Tensor
+    object_pose: Tensor
+    object_pos: Tensor
+    object_rot: Tensor
+    object_linvel: Tensor
+    object_angvel: Tensor
+    goal_pose: Tensor
+    goal_pos: Tensor
+    goal_rot: Tensor
 
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
@@ -126,7 +88,6 @@ class TwoHandTask(SuccessTask):
         spec = mujoco.MjSpec()
         spec.modelname = cls.NAME
         spec.compiler.degree = False
-        spec.option.timestep = cls.CONTROL_DT / cls.SUBSTEPS
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         # Measured over 10 000 random steps a task: with MuJoCo's defaults (pyramidal cone, Newton) fingers pressed hard
         # between two bodies shoot away at 1 000 rad/s a few times; with these two options never.
@@ -139,6 +100,7 @@ class TwoHandTask(SuccessTask):
         )
         shadow.add_hand(spec, "right", cls.RIGHT, cls.FREE)
         shadow.add_hand(spec, "left", cls.LEFT, cls.FREE)
+        shadow.hold_off_forearms(spec)
         cls.add_objects(spec)
         return spec
 
@@ -252,39 +214,3 @@ class TwoHandTask(SuccessTask):
         """Returns start orientations Rx(pi u0) Ry(pi u1), u ~ U[-1, 1], `(n, 4)`."""
         angle = self._uniform(-torch.pi, torch.pi, n, 2)
         return rotations.multiply(rotations.about_axis(0, angle[:, 0]), rotations.about_axis(1, angle[:, 1]))
-
-
-def hand_observations(
-    dof_pos: Tensor, dof_vel: Tensor, dof_force: Tensor, tips: Tensor, sensors: Tensor, root: Tensor, actions: Tensor
-) -> Tensor:
-    """Returns one hand's part of the observations.
-
-    Joint angles scaled to [-1, 1] (24), 0.2 * joint speeds (24), 10 * joint torques (24), states of the five
-    fingertips (65), 10 * force and torque at each (30), position and Euler angles of a free hand (6) or nothing,
-    and the hand's last actions.
-    """
-    lower, upper = JOINT_RANGES[:, 0], JOINT_RANGES[:, 1]
-    return torch.cat(
-        (
-            (2.0 * dof_pos - upper - lower) / (upper - lower),
-            0.2 * dof_vel,
-            10.0 * dof_force,
-            tips.flatten(1),
-            10.0 * sensors,
-            root,
-            actions,
-        ),
-        dim=-1,
-    )
-
-
-def two_hand_variables(actions: int, observations: int, objects: int, actors: int) -> tuple[Variable, ...]:
-    """Returns what every two-hand task offers besides its objects."""
-    listed = "right hand 0-25, left hand 26-51, objects from 52"
-    return (
-        *hand_variables(),
-        Variable("rigid_body_states", "tensor", (2 * HAND_BODIES + objects, 13), "m, 1, m/s, rad/s", "world", f"all bodies: {listed}"),
-        Variable("root_state_tensor", "tensor", (2 + actors, 13), "m, 1, m/s, rad/s", "world",
-                 "roots of the actors: right hand, left hand, objects"),
-        *plain_variables(observations, actions),
-    )  # fmt: skip

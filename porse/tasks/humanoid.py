@@ -1,8 +1,8 @@
 """Humanoid: a capsule figure runs as fast as it can along +x.
 
 After the Isaac Gym task of that name. Departures: the joints' springs act, as MuJoCo reads the original's model file
-(whether they do in the original is not known); four physics steps a control step instead of two; parts of the figure
-meet the floor only; foot forces are MuJoCo's force and torque sensors.
+(whether they do in the original is not known); eight physics steps a control step instead of two, so that feet stay out
+of the floor; parts of the figure meet the floor only; foot forces are MuJoCo's force and torque sensors.
 """
 
 import math
@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.base import Task, plain_variables
 from porse.tasks.humanoid_scene import GEARS, JOINTS, humanoid_scene
+from porse.tasks.plain import plain_variables
+from porse.tasks.walking import WalkingTask
 from porse.variables import Variable
 
 START_HEIGHT = 1.34
@@ -28,20 +29,20 @@ def wrapped(angle: Tensor) -> Tensor:
     return torch.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
 
 
-class Humanoid(Task):
+class Humanoid(WalkingTask):
     """Run as fast as possible."""
 
     NAME: ClassVar[str] = "Humanoid"
-    FAMILY: ClassVar[str] = "isaac"
     DESCRIPTION: ClassVar[str] = "to make the humanoid run as fast as possible"
     NUM_OBSERVATIONS: ClassVar[int] = 108
     NUM_ACTIONS: ClassVar[int] = 21
     EPISODE_LENGTH: ClassVar[int] = 1000
     TIME_LIMIT: ClassVar[int] = 999
     CONTROL_DT: ClassVar[float] = 0.0166
-    SUBSTEPS: ClassVar[int] = 4
-    OBSERVATION_CLIP: ClassVar[float] = 5.0
+    SUBSTEPS: ClassVar[int] = 8
     FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata")
+    JOINTS: ClassVar[tuple[str, ...]] = JOINTS
+    FORCES: ClassVar[dict[str, int]] = {"dof_force_tensor": 21, "vec_sensor_tensor": 12}
     MEASURED: ClassVar[tuple[str, ...]] = ("dof_force_tensor", "vec_sensor_tensor", "potentials", "prev_potentials")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the torso"),
@@ -63,23 +64,21 @@ class Humanoid(Task):
     OBSERVATION_HELPERS = (wrapped,)
     dt: ClassVar[float] = CONTROL_DT
 
+    dof_force_tensor: Tensor
+    vec_sensor_tensor: Tensor
+
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
         """Returns the figure on a plane."""
         return humanoid_scene()
 
     def _prepare(self) -> None:
-        model = self._physics.model
-        joints = [model.joint(name) for name in JOINTS]
-        self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
-        self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
-        limits = torch.tensor([joint.range.tolist() for joint in joints])
+        super()._prepare()
+        limits = torch.tensor([self._physics.model.joint(name).range.tolist() for name in JOINTS])
         self.dof_limits_lower = limits[:, 0].repeat(self.num_envs, 1)
         self.dof_limits_upper = limits[:, 1].repeat(self.num_envs, 1)
         self.targets = torch.tensor(TARGET).repeat(self.num_envs, 1)
         self.inv_start_rot = torch.tensor([0.0, 0.0, 0.0, 1.0]).repeat(self.num_envs, 1)
-        self.dof_force_tensor = torch.zeros(self.num_envs, 21)
-        self.vec_sensor_tensor = torch.zeros(self.num_envs, 12)
         self.potentials = torch.zeros(self.num_envs)
         self.prev_potentials = torch.zeros(self.num_envs)
 
@@ -102,35 +101,20 @@ class Humanoid(Task):
         self.potentials = self._potential()
 
     def _measure_started(self, ids: Tensor) -> None:
-        # Forces belong to a step, and an episode that begins has had none.
-        self.dof_force_tensor[ids] = 0.0
-        self.vec_sensor_tensor[ids] = 0.0
-        self._name_measurements()
+        super()._measure_started(ids)
         start = self._potential()[ids]
         self.prev_potentials = self.prev_potentials.index_copy(0, ids, start)
         self.potentials = self.potentials.index_copy(0, ids, start)
 
-    def _remeasure(self) -> None:
-        self._name_measurements()
-
     def _name_measurements(self) -> None:
-        """Sets the variables from the joints."""
-        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
-        orientation = qpos[:, [4, 5, 6, 3]]
-        # MuJoCo keeps a free joint's angular velocity in the body's own frame.
-        spin = rotations.rotate(orientation, qvel[:, 3:6])
-        self.root_states = torch.cat((qpos[:, 0:3], orientation, qvel[:, 0:3], spin), dim=-1)
-        self.dof_pos = qpos[:, self._qpos_index]
-        self.dof_vel = qvel[:, self._qvel_index]
+        super()._name_measurements()
+        orientation = self.root_states[:, 3:7]
         self.up_vec = rotations.rotate(orientation, torch.tensor([0.0, 0.0, 1.0]))
         self.heading_vec = rotations.rotate(orientation, torch.tensor([1.0, 0.0, 0.0]))
 
     def _potential(self) -> Tensor:
         """Returns minus the horizontal distance to the target over the control step, `(num_envs,)`."""
         return -torch.norm(self.targets[:, :2] - self.root_states[:, :2], dim=-1) / self.CONTROL_DT
-
-    def _record(self) -> None:
-        pass  # the statistic is the mean of the present progress
 
     def compute_observations(self) -> Tensor:
         """Returns the observations before clipping, `(num_envs, 108)`."""

@@ -9,9 +9,9 @@ import mujoco
 _XML = """
 <mujoco model="Humanoid">
   <compiler angle="degree" autolimits="true"/>
-  <option timestep="0.00415" integrator="implicitfast"/>
+  <option integrator="implicitfast"/>
   <default>
-    <geom type="capsule" condim="3" friction="1 0.005 0.0001" contype="1" conaffinity="2" solref="0.009 1"
+    <geom type="capsule" condim="3" friction="1 0.005 0.0001" contype="1" conaffinity="2" solref="0.0045 1"
           rgba="0.8 0.6 0.4 1"/>
     <motor ctrlrange="-1 1"/>
     <default class="big_joint">

@@ -12,8 +12,10 @@ import torch
 from torch import Tensor
 
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 DROPPED = 0.2
@@ -25,7 +27,7 @@ DROP_RADIUS = 0.01
 """The water."""
 
 
-class Kettle(FreeHandTask):
+class Kettle(HandleTask):
     """Bring spout and bucket together."""
 
     NAME: ClassVar[str] = "Kettle"
@@ -34,11 +36,8 @@ class Kettle(FreeHandTask):
         "kettle into the bucket"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.6), (math.pi, 1.57, 1.57))
     LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.6), (math.pi, -1.57, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = (
@@ -50,17 +49,16 @@ class Kettle(FreeHandTask):
         Handle("kettle_spout", "object", (-0.2, 0.0, 0.07)),
         Handle("bucket_handle", "bucket", (0.0, 0.0, -0.1)),
     )
+    RIGHT_HANDLE: ClassVar[str] = "kettle_handle"
+    LEFT_HANDLE: ClassVar[str] = "bucket_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the kettle"),
         *goal_variables("goal", "the goal (the kettle's own place)"),
         *point_variables("kettle_handle", "the handle of the kettle, for the right hand"),
         *point_variables("kettle_spout", "the spout of the kettle"),
         *point_variables("bucket_handle", "the point of the bucket, for the left hand"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     kettle_handle_pos: Tensor
     kettle_spout_pos: Tensor
@@ -98,9 +96,7 @@ class Kettle(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.kettle_handle_pos,
                 self.bucket_handle_pos,
             ),
@@ -121,7 +117,6 @@ class Kettle(FreeHandTask):
 
     def human_reward(self) -> Tensor:
         """Returns 1 minus both reaches, plus 0.5 - 2 gap with both hands near."""
-        right = self.reach("right", self.kettle_handle_pos)
-        left = self.reach("left", self.bucket_handle_pos)
+        right, left = self.reaches()
         pouring = torch.where((right < 0.7) & (left < 0.7), 0.5 - 2.0 * self.gap(), 0.0)
         return 1.0 + pouring - right - left

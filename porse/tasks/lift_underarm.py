@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, two_hand_variables
+from porse.tasks.free_hands import FreeHandTask, Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
 from porse.variables import Variable
 
 FRICTION = 2.0
@@ -33,7 +34,6 @@ class LiftUnderarm(FreeHandTask):
         "two shadow hands grasp the two handles of a pot and lift it together to the designated place above the table"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 500
     TIME_LIMIT: ClassVar[int] = 500
     FORCE_SCALE: ClassVar[float] = 0.25
@@ -51,10 +51,8 @@ class LiftUnderarm(FreeHandTask):
         *goal_variables("goal", "the goal of the pot"),
         Variable("pot_right_handle_pos", "tensor", (3,), "m", "world", "position of the handle for the right hand"),
         Variable("pot_left_handle_pos", "tensor", (3,), "m", "world", "position of the handle for the left hand"),
-        *palm_variables(),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS, fingers=()),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     pot_right_handle_pos: Tensor
     pot_left_handle_pos: Tensor
@@ -78,9 +76,7 @@ class LiftUnderarm(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.pot_right_handle_pos,
                 self.pot_left_handle_pos,
             ),

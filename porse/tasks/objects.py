@@ -22,9 +22,6 @@ LINK_EULER: Vector = (math.pi / 2, 0.0, -math.pi / 2)
 SPIN_INERTIA = 2e-5
 """Inertia (kg m2) added to free objects: slim ones would otherwise spin up without bound between two fingers."""
 
-FIRM = (0.95, 0.99, 0.001, 0.5, 2.0)
-"""Impedance of an object's contacts: MuJoCo's default lets a hand press a light object centimetres into a table."""
-
 HAND_BIT = 1
 OBJECT_BIT = 8
 
@@ -93,7 +90,7 @@ def add_rod(
     """Adds a cylinder between two points (m, the body's frame)."""
     body.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end], size=[radius, 0, 0], mass=mass,
-        friction=[friction, 0.005, 0.0001], priority=1, solimp=FIRM, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
+        friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
         rgba=_STEEL,
     )  # fmt: skip
 
@@ -157,6 +154,6 @@ def _add(
 ) -> None:
     """Adds a geom that hands, tables and the floor meet."""
     body.add_geom(
-        name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1, solimp=FIRM,
+        name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM,
         condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=_STEEL,
     )  # fmt: skip

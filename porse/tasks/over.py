@@ -6,10 +6,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.sim import rotations
 from porse.tasks import shadow
 from porse.tasks.catch import CatchTask, catch_variables
-from porse.tasks.hands import hand_observations
+from porse.tasks.hand_observations import fixed_hands, goal_and_turn, hand_observations, moving_body
 from porse.variables import Variable
 
 
@@ -27,7 +26,7 @@ class Over(CatchTask):
     EPISODE_LENGTH: ClassVar[int] = 75
     TIME_LIMIT: ClassVar[int] = 75
     VARIABLES: ClassVar[tuple[Variable, ...]] = catch_variables(NUM_ACTIONS, NUM_OBSERVATIONS)
-    OBSERVATION_HELPERS = (hand_observations,)
+    OBSERVATION_HELPERS = (hand_observations, fixed_hands, moving_body, goal_and_turn)
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
     LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.0, 0.5), (0.0, 0.0, math.pi))
     FREE: ClassVar[bool] = False
@@ -40,22 +39,11 @@ class Over(CatchTask):
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 398)`: two hands of 187, then the egg and its goal."""
-        fixed = self.object_pos[:, :0]
         return torch.cat(
             (
-                hand_observations(
-                    self.shadow_hand_dof_pos, self.shadow_hand_dof_vel, self.dof_force_tensor[:, :24],
-                    self.fingertip_state, self.vec_sensor_tensor[:, :30], fixed, self.actions[:, :20],
-                ),
-                hand_observations(
-                    self.shadow_hand_another_dof_pos, self.shadow_hand_another_dof_vel, self.dof_force_tensor[:, 24:],
-                    self.fingertip_another_state, self.vec_sensor_tensor[:, 30:], fixed, self.actions[:, 20:],
-                ),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
-                self.goal_pose,
-                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
+                fixed_hands(self),
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                goal_and_turn(self.object_pose, self.goal_pose),
             ),
             dim=-1,
         )  # fmt: skip

@@ -2,6 +2,8 @@
 
 import struct
 import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -13,6 +15,7 @@ from porse.tasks.base import Task
 
 Pixels = NDArray[np.uint8]
 
+_TABLE = ((0.2, 0.0, 0.65), 1.7, 50.0, -30.0)
 VIEWS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
     "Quadcopter": ((0.3, 0.5, 1.6), 2.2, 130.0, -15.0),
     "FrankaCabinet": ((0.5, 0.0, 0.5), 2.4, 125.0, -20.0),
@@ -30,24 +33,50 @@ VIEWS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
         for action in ("CloseInward", "CloseOutward", "OpenInward", "OpenOutward")
     },
     "BottleCap": ((0.0, -0.65, 0.5), 1.3, 20.0, -20.0),
+    **dict.fromkeys(
+        (
+            "BlockStack",
+            "GraspAndPlace",
+            "Kettle",
+            "Pen",
+            "PushBlock",
+            "Scissors",
+            "SwingCup",
+            "Switch",
+            "SwitchReachable",
+        ),
+        _TABLE,
+    ),
 }
-"""Where the camera looks (m), from how far (m), at what azimuth and elevation (degrees)."""
+"""Where the camera looks (m), from how far (m), at what azimuth and elevation (degrees).
 
-TABLE_VIEW = ((0.2, 0.0, 0.65), 1.7, 50.0, -30.0)
-"""The view of the tasks before a table or a door."""
+Other tasks are seen as their scene's <statistic> and <visual><global> say.
+"""
 
 
 def picture(task: Task, width: int, height: int) -> Pixels:
     """Returns the first environment as it is now, `(height, width, 3)`, 8-bit RGB."""
+    with camera(task, width, height) as take:
+        return take()
+
+
+@contextmanager
+def camera(task: Task, width: int, height: int) -> Iterator[Callable[[], Pixels]]:
+    """Sets a camera up, once for many pictures, and gives what takes one of the first environment as it is then."""
     model, data = first_simulation(task)
-    mujoco.mj_forward(model, data)
-    place, distance, azimuth, elevation = VIEWS.get(task.NAME, TABLE_VIEW)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = place
-    camera.distance, camera.azimuth, camera.elevation = distance, azimuth, elevation
+    view = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, view)
+    if task.NAME in VIEWS:
+        view.lookat[:], view.distance, view.azimuth, view.elevation = VIEWS[task.NAME]
     with mujoco.Renderer(model, height, width) as renderer:
-        renderer.update_scene(data, camera)
-        return renderer.render()
+
+        def take() -> Pixels:
+            first_simulation(task, data)
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, view)
+            return renderer.render()
+
+        yield take
 
 
 def first_simulation(task: Task, data: mujoco.MjData | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -3,20 +3,20 @@
 As in the original, an episode in which the left cube arrives first is worth a half for good.
 """
 
-import math
 from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks import objects
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 FRICTION = 0.75
-LOST = 1.2
 NEAR = 0.1
 LEFT_GOAL = (-0.2, -0.2, 0.625)
 RIGHT_GOAL = (-0.2, 0.2, 0.625)
@@ -24,7 +24,7 @@ PADDING = 5
 """Entries of the original's observations that it never writes."""
 
 
-class PushBlock(FreeHandTask):
+class PushBlock(HandleTask):
     """Push both cubes to their goals."""
 
     NAME: ClassVar[str] = "PushBlock"
@@ -32,13 +32,8 @@ class PushBlock(FreeHandTask):
         "two shadow hands each reach for a block on a table and push it to its goal; this is a relatively simple task"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 428
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "left_goal", "right_goal", "table")
     ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
     BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"),)
@@ -48,17 +43,17 @@ class PushBlock(FreeHandTask):
         Handle("left_goal", "left_goal"),
         Handle("right_goal", "right_goal"),
     )
+    RIGHT_HANDLE: ClassVar[str] = "block_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "block_left_handle"
+    LOST: ClassVar[float] = 1.2
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right cube"),
         *point_variables("block_right_handle", "the right cube"),
         *point_variables("block_left_handle", "the left cube"),
         *point_variables("left_goal", "the goal of the left cube"),
         *point_variables("right_goal", "the goal of the right cube"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     block_right_handle_pos: Tensor
     block_left_handle_pos: Tensor
@@ -79,9 +74,7 @@ class PushBlock(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.block_right_handle_pos,
                 self.block_left_handle_pos,
                 self.left_goal_pos,
@@ -97,10 +90,6 @@ class PushBlock(FreeHandTask):
             torch.norm(self.left_goal_pos - self.block_left_handle_pos, dim=-1),
             torch.norm(self.right_goal_pos - self.block_right_handle_pos, dim=-1),
         )
-
-    def reaches(self) -> tuple[Tensor, Tensor]:
-        """Returns how far (m, sums over the fingers) each hand is from its cube, `(num_envs,)` each."""
-        return self.reach("right", self.block_right_handle_pos), self.reach("left", self.block_left_handle_pos)
 
     def succeeded(self) -> Tensor:
         """Returns where both cubes are within 10 cm of their goals."""
@@ -119,11 +108,6 @@ class PushBlock(FreeHandTask):
     def sparse_reward(self) -> Tensor:
         """Returns the credit of each step."""
         return self.credit()
-
-    def failed(self) -> Tensor:
-        """Returns where a hand is lost."""
-        right, left = self.reaches()
-        return (right >= LOST) | (left >= LOST)
 
     def human_reward(self) -> Tensor:
         """Returns (1.2 - reach) of each hand plus 5 - 5 times both distances from the goals."""

@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.base import Task, plain_variables
+from porse.tasks.base import Task
+from porse.tasks.plain import plain_variables
 from porse.variables import Variable
 
 TARGET = (0.0, 0.0, 1.0)
@@ -90,7 +91,6 @@ class Quadcopter(Task):
         """Returns the chassis with four arms above a floor."""
         spec = mujoco.MjSpec()
         spec.modelname = cls.NAME
-        spec.option.timestep = cls.CONTROL_DT / cls.SUBSTEPS
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.worldbody.add_light(name="light", pos=[0, 0, 4], dir=[0, 0, -1])
         spec.worldbody.add_geom(
@@ -143,9 +143,6 @@ class Quadcopter(Task):
         # MuJoCo keeps a free joint's angular velocity in the body's own frame.
         self.root_angvels = rotations.rotate(self.root_quats, qvel[:, 3:6])
         self.dof_positions = qpos[:, 7:]
-
-    def _record(self) -> None:
-        pass  # the statistic is the mean of the present distances
 
     def compute_observations(self) -> Tensor:
         """Returns the observations before clipping, `(num_envs, 21)`."""

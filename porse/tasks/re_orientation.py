@@ -9,13 +9,9 @@ from torch import Tensor
 
 from porse.sim import rotations
 from porse.tasks import objects, shadow
-from porse.tasks.hands import (
-    TwoHandTask,
-    body_variables,
-    goal_variables,
-    hand_observations,
-    two_hand_variables,
-)
+from porse.tasks.hand_observations import fixed_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hand_variables import body_variables, goal_variables, two_hand_variables
+from porse.tasks.pair import PairTask
 from porse.variables import Variable
 
 STARTS = ((0.0, -0.39, 0.6), (0.0, -0.76, 0.6))
@@ -29,7 +25,7 @@ HIT_BONUS = 500.0
 AVERAGING = 0.01
 
 
-class ReOrientation(TwoHandTask):
+class ReOrientation(PairTask):
     """Turn two cubes to their goal orientations.
 
     As in the original, only the second cube counts as a hit; a hit gives both cubes a new goal. The statistic is a
@@ -46,37 +42,18 @@ class ReOrientation(TwoHandTask):
     EPISODE_LENGTH: ClassVar[int] = 600
     TIME_LIMIT: ClassVar[int] = 600
     FREE: ClassVar[bool] = False
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal", "object_another", "goal_another")
-    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right hand's cube"),
         *goal_variables("goal", "its goal"),
         *body_variables("object_another", "the left hand's cube"),
         *goal_variables("goal_another", "its goal"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
     )
-    OBSERVATION_HELPERS = (hand_observations,)
-    MEASURED: ClassVar[tuple[str, ...]] = (*TwoHandTask.MEASURED, "_hit")
+    OBSERVATION_HELPERS = (hand_observations, fixed_hands, moving_body, goal_and_turn)
+    MEASURED: ClassVar[tuple[str, ...]] = (*PairTask.MEASURED, "_hit")
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
     LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
     JOINT_NOISE: ClassVar[float] = 0.2
-
-    object_pose: Tensor
-    object_pos: Tensor
-    object_rot: Tensor
-    object_linvel: Tensor
-    object_angvel: Tensor
-    object_another_pose: Tensor
-    object_another_pos: Tensor
-    object_another_rot: Tensor
-    object_another_linvel: Tensor
-    object_another_angvel: Tensor
-    goal_pose: Tensor
-    goal_pos: Tensor
-    goal_rot: Tensor
-    goal_another_pose: Tensor
-    goal_another_pos: Tensor
-    goal_another_rot: Tensor
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
@@ -94,14 +71,8 @@ class ReOrientation(TwoHandTask):
         self._hit = torch.zeros(self.num_envs, dtype=torch.bool)
 
     def _place(self, ids: Tensor) -> None:
-        n = len(ids)
-        physics = self._physics
-        turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
-        for index, name in enumerate(("object", "object_another")):
-            start = int(physics.model.joint(name).qposadr[0])
-            position = torch.tensor(STARTS[index]) + self._uniform(-NOISE, NOISE, n, 3)
-            physics.qpos[ids, start : start + 3] = position.double()
-            physics.qpos[ids, start + 3 : start + 7] = turn
+        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].double()
+        self._place_pair(ids, STARTS, NOISE, turn)
         self._hit[ids] = False
         self._new_goals(ids)
 
@@ -123,30 +94,16 @@ class ReOrientation(TwoHandTask):
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 422)`: two hands of 187, then each cube with its goal."""
-        fixed = self.object_pos[:, :0]
         return torch.cat(
             (
-                hand_observations(
-                    self.shadow_hand_dof_pos, self.shadow_hand_dof_vel, self.dof_force_tensor[:, :24],
-                    self.fingertip_state, self.vec_sensor_tensor[:, :30], fixed, self.actions[:, :20],
-                ),
-                hand_observations(
-                    self.shadow_hand_another_dof_pos, self.shadow_hand_another_dof_vel, self.dof_force_tensor[:, 24:],
-                    self.fingertip_another_state, self.vec_sensor_tensor[:, 30:], fixed, self.actions[:, 20:],
-                ),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
-                self.goal_pose,
-                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
-                self.object_another_pose,
-                self.object_another_linvel,
-                0.2 * self.object_another_angvel,
-                self.goal_another_pose,
-                rotations.multiply(self.object_another_rot, rotations.conjugate(self.goal_another_rot)),
+                fixed_hands(self),
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                goal_and_turn(self.object_pose, self.goal_pose),
+                moving_body(self.object_another_pose, self.object_another_linvel, self.object_another_angvel),
+                goal_and_turn(self.object_another_pose, self.goal_another_pose),
             ),
             dim=-1,
-        )  # fmt: skip
+        )
 
     def turns(self) -> tuple[Tensor, Tensor]:
         """Returns the angles (rad) of both cubes from their goals, `(num_envs,)` each."""

@@ -1,15 +1,16 @@
 """Scissors: two hands open a pair of scissors that lies on a table."""
 
-import math
 from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks import objects
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 THICKNESS = 0.012
@@ -17,7 +18,6 @@ OPEN = -0.3
 """Angle (rad) of the scissors above which they count as open; closed is -0.597."""
 
 CLOSED = -0.59
-LOST = 1.75
 
 
 def _add_half(body: mujoco.MjsBody, name: str, side: int) -> None:
@@ -30,7 +30,7 @@ def _add_half(body: mujoco.MjsBody, name: str, side: int) -> None:
     objects.add_box(body, f"{name}_grip", (0.12, low, near), (0.24, high, far), 0.04)
 
 
-class Scissors(FreeHandTask):
+class Scissors(HandleTask):
     """Open the scissors."""
 
     NAME: ClassVar[str] = "Scissors"
@@ -38,19 +38,17 @@ class Scissors(FreeHandTask):
         "two shadow hands open a pair of scissors: the hands reach for the two handles and spread them"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 150
     TIME_LIMIT: ClassVar[int] = 150
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "goal", "table")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
     HANDLES: ClassVar[tuple[Handle, ...]] = (
         Handle("scissors_right_handle", "link_0", (0.2, 0.0, -0.1)),
         Handle("scissors_left_handle", "link_1", (0.15, 0.0, 0.1)),
     )
+    RIGHT_HANDLE: ClassVar[str] = "scissors_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "scissors_left_handle"
+    LOST: ClassVar[float] = 1.75
     START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {"scissors": (CLOSED, 0.0)}
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the scissors"),
@@ -58,11 +56,8 @@ class Scissors(FreeHandTask):
         *point_variables("scissors_right_handle", "the handle for the right hand"),
         *point_variables("scissors_left_handle", "the handle for the left hand"),
         Variable("object_dof_pos", "tensor", (1,), "rad", "joint", "angle of the scissors: -0.597 closed, 0.4 wide"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     scissors_right_handle_pos: Tensor
     scissors_left_handle_pos: Tensor
@@ -85,9 +80,7 @@ class Scissors(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.scissors_right_handle_pos,
                 self.scissors_left_handle_pos,
             ),
@@ -97,11 +90,6 @@ class Scissors(FreeHandTask):
     def _name_measurements(self) -> None:
         super()._name_measurements()
         self.object_dof_pos = self.joint_position("scissors").unsqueeze(-1)
-
-    def reaches(self) -> tuple[Tensor, Tensor]:
-        """Returns how far (m, sums over the fingers) each hand is from its handle, `(num_envs,)` each."""
-        right = self.reach("right", self.scissors_right_handle_pos)
-        return right, self.reach("left", self.scissors_left_handle_pos)
 
     def opening(self) -> Tensor:
         """Returns five times the angle (rad) opened since the start, where both hands are near, else 0."""
@@ -115,8 +103,7 @@ class Scissors(FreeHandTask):
 
     def failed(self) -> Tensor:
         """Returns where the scissors were closed further or a hand is lost."""
-        right, left = self.reaches()
-        return (self.opening() < -0.5) | (right >= LOST) | (left >= LOST)
+        return (self.opening() < -0.5) | super().failed()
 
     def human_reward(self) -> Tensor:
         """Returns 2 + 5 * opening (with both hands near) minus both reaches."""

@@ -9,8 +9,10 @@ from torch import Tensor
 
 from porse.sim import rotations
 from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 FRICTION = 0.75
@@ -22,7 +24,7 @@ START_HEIGHT = 0.685
 """The cup stands on the table; the original's starts 8 cm inside it and is pushed out."""
 
 
-class SwingCup(FreeHandTask):
+class SwingCup(HandleTask):
     """Turn the cup by half a turn."""
 
     NAME: ClassVar[str] = "SwingCup"
@@ -30,11 +32,8 @@ class SwingCup(FreeHandTask):
         "two shadow hands hold a cup by its two handles, one each, and swing it together by half a turn"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 150
     TIME_LIMIT: ClassVar[int] = 150
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.35, 0.2, 0.8), (math.pi, 1.57, 1.57))
     LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.35, -0.2, 0.8), (math.pi, -1.57, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "link_2", "goal", "table")
@@ -43,16 +42,15 @@ class SwingCup(FreeHandTask):
         Handle("cup_right_handle", "object", (0.062, 0.0, 0.0)),
         Handle("cup_left_handle", "link_1", (0.0, 0.0, 0.06)),
     )
+    RIGHT_HANDLE: ClassVar[str] = "cup_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "cup_left_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the cup"),
         *goal_variables("goal", "the goal: the cup turned by half a turn"),
         *point_variables("cup_right_handle", "the handle for the right hand"),
         *point_variables("cup_left_handle", "the handle for the left hand"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     cup_right_handle_pos: Tensor
     cup_left_handle_pos: Tensor
@@ -77,9 +75,7 @@ class SwingCup(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.cup_right_handle_pos,
                 self.cup_left_handle_pos,
             ),
@@ -100,7 +96,6 @@ class SwingCup(FreeHandTask):
 
     def human_reward(self) -> Tensor:
         """Returns minus both reaches, plus 1 / (angle + 0.1) - 1 with both hands near."""
-        right = self.reach("right", self.cup_right_handle_pos)
-        left = self.reach("left", self.cup_left_handle_pos)
+        right, left = self.reaches()
         aligned = 1.0 / (self.turn() + 0.1) - 1.0
         return -right - left + torch.where((right < 0.4) & (left < 0.4), aligned, 0.0)

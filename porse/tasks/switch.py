@@ -11,9 +11,11 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle, finger_variables, free_hands, palm_variables
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, point_variables, two_hand_variables
+from porse.tasks import objects
+from porse.tasks.free_hands import Handle
+from porse.tasks.hand_observations import free_hands, moving_body
+from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
 PRESSED = 0.05
@@ -31,19 +33,14 @@ def add_switch(spec: mujoco.MjSpec, name: str, y: float) -> None:
     objects.add_box(rocker, f"{name}_rocker", (-0.081, -0.0505, -0.013), (-0.021, 0.0505, 0.013), 0.042)
 
 
-class Switch(FreeHandTask):
+class Switch(HandleTask):
     """Press both switches."""
 
     NAME: ClassVar[str] = "Switch"
     DESCRIPTION: ClassVar[str] = "two shadow hands, each with its fingers, press the desired button of a switch"
     NUM_OBSERVATIONS: ClassVar[int] = 417
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125
-    FORCE_SCALE: ClassVar[float] = 0.5
-    TORQUE_SCALE: ClassVar[float] = 0.1
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, 0.2, 0.8), (math.pi, 0.0, 1.57))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.55, -0.2, 0.8), (math.pi, 0.0, 1.57))
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = (
         "object", "object_link_1", "object_link_0", "other", "other_link_1", "other_link_0", "goal", "table",
     )  # fmt: skip
@@ -52,16 +49,15 @@ class Switch(FreeHandTask):
         Handle("switch_right_handle", "object_link_0", (-0.05, -0.02, 0.0)),
         Handle("switch_left_handle", "other_link_0", (-0.05, -0.02, 0.0)),
     )
+    RIGHT_HANDLE: ClassVar[str] = "switch_right_handle"
+    LEFT_HANDLE: ClassVar[str] = "switch_left_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right switch"),
         *goal_variables("goal", "the goal (the right switch's own place)"),
         *point_variables("switch_right_handle", "the rocker for the right hand"),
         *point_variables("switch_left_handle", "the rocker for the left hand"),
-        *palm_variables(),
-        *finger_variables("right", "left"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
 
     switch_right_handle_pos: Tensor
     switch_left_handle_pos: Tensor
@@ -79,9 +75,7 @@ class Switch(FreeHandTask):
         return torch.cat(
             (
                 free_hands(self, self.right_hand_pos, self.left_hand_pos),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
                 self.switch_right_handle_pos,
                 self.switch_left_handle_pos,
             ),
@@ -102,6 +96,5 @@ class Switch(FreeHandTask):
 
     def human_reward(self) -> Tensor:
         """Returns 2 minus both reaches plus 50 times the depth."""
-        right = self.reach("right", self.switch_right_handle_pos)
-        left = self.reach("left", self.switch_left_handle_pos)
+        right, left = self.reaches()
         return 2.0 - right - left + 50.0 * self.depth()

@@ -10,8 +10,10 @@ from torch import Tensor
 from porse.sim import rotations
 from porse.tasks import shadow
 from porse.tasks.catch import add_egg, add_goal_egg
-from porse.tasks.free_hands import FreeHandTask, free_hands
-from porse.tasks.hands import body_variables, goal_variables, hand_observations, two_hand_variables
+from porse.tasks.free_hands import FreeHandTask
+from porse.tasks.hand_observations import free_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hand_variables import FREE_ACTIONS, body_variables, goal_variables, two_hand_variables
+from porse.tasks.pair import PairTask
 from porse.variables import Variable
 
 STARTS = ((0.0, -0.39, 0.54), (0.0, -0.78, 0.54))
@@ -23,7 +25,7 @@ NEAR = 0.06
 DROPPED = 0.2
 
 
-class TwoCatchUnderarm(FreeHandTask):
+class TwoCatchUnderarm(PairTask, FreeHandTask):
     """Exchange two eggs by throwing."""
 
     NAME: ClassVar[str] = "TwoCatchUnderarm"
@@ -32,34 +34,22 @@ class TwoCatchUnderarm(FreeHandTask):
         "must be thrown to the other hand at the same time and caught there"
     )
     NUM_OBSERVATIONS: ClassVar[int] = 446
-    NUM_ACTIONS: ClassVar[int] = 52
     EPISODE_LENGTH: ClassVar[int] = 75
     TIME_LIMIT: ClassVar[int] = 75
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal", "object_another", "goal_another")
-    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = tuple((name, name) for name in OBJECT_BODIES)
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = tuple((name, name) for name in PairTask.OBJECT_BODIES)
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right hand's egg"),
         *goal_variables("goal", "its goal, in the left hand"),
         *body_variables("object_another", "the left hand's egg"),
         *goal_variables("goal_another", "its goal, in the right hand"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, len(OBJECT_BODIES), len(ACTORS)),
+        *two_hand_variables(FREE_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
     )
-    OBSERVATION_HELPERS = (hand_observations, free_hands)
+    OBSERVATION_HELPERS = (hand_observations, free_hands, moving_body, goal_and_turn)
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
     LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
     FORCE_SCALE: ClassVar[float] = 0.05
     TORQUE_SCALE: ClassVar[float] = 0.5
     JOINT_NOISE: ClassVar[float] = 0.2
-
-    object_another_pose: Tensor
-    object_another_pos: Tensor
-    object_another_rot: Tensor
-    object_another_linvel: Tensor
-    object_another_angvel: Tensor
-    goal_another_pose: Tensor
-    goal_another_pos: Tensor
-    goal_another_rot: Tensor
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
@@ -73,29 +63,19 @@ class TwoCatchUnderarm(FreeHandTask):
         physics = self._physics
         turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
         goal_turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
-        for index, name in enumerate(("object", "object_another")):
-            start = int(physics.model.joint(name).qposadr[0])
-            position = torch.tensor(STARTS[index]) + self._uniform(-NOISE, NOISE, n, 3)
-            physics.qpos[ids, start : start + 3] = position.double()
-            physics.qpos[ids, start + 3 : start + 7] = turn
-            physics.mocap_pos[ids, index] = torch.tensor(GOALS[index]).double()
-            physics.mocap_quat[ids, index] = goal_turn
+        self._place_pair(ids, STARTS, NOISE, turn)
+        physics.mocap_pos[ids] = torch.tensor(GOALS).double()
+        physics.mocap_quat[ids] = goal_turn.unsqueeze(1).expand(-1, 2, -1)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 446)`: two hands, then each egg with its goal."""
         return torch.cat(
             (
                 free_hands(self, self.root_state_tensor[:, 0, 0:3], self.root_state_tensor[:, 1, 0:3]),
-                self.object_pose,
-                self.object_linvel,
-                0.2 * self.object_angvel,
-                self.goal_pose,
-                rotations.multiply(self.object_rot, rotations.conjugate(self.goal_rot)),
-                self.object_another_pose,
-                self.object_another_linvel,
-                0.2 * self.object_another_angvel,
-                self.goal_another_pose,
-                rotations.multiply(self.object_another_rot, rotations.conjugate(self.goal_another_rot)),
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                goal_and_turn(self.object_pose, self.goal_pose),
+                moving_body(self.object_another_pose, self.object_another_linvel, self.object_another_angvel),
+                goal_and_turn(self.object_another_pose, self.goal_another_pose),
             ),
             dim=-1,
         )

@@ -1,7 +1,6 @@
 """A rung's progress on the terminal: epochs, environment steps per second, fitness."""
 
 import time
-from collections.abc import Mapping
 from types import TracebackType
 
 import click
@@ -14,12 +13,13 @@ class RungBar:
 
     Args:
         label: which rung.
-        lengths: candidate id -> epochs to train.
+        candidates: how many candidates are trained.
+        epochs: epochs over all of them.
         steps_per_epoch: environment steps of one epoch.
     """
 
-    def __init__(self, label: str, lengths: Mapping[str, int], steps_per_epoch: int) -> None:
-        self._label, self._candidates, self._epochs = label, len(lengths), sum(lengths.values())
+    def __init__(self, label: str, candidates: int, epochs: int, steps_per_epoch: int) -> None:
+        self._label, self._candidates, self._epochs = label, candidates, epochs
         self._steps_per_epoch = steps_per_epoch
         self._fitness: dict[str, float] = {}
         self._started = time.monotonic()

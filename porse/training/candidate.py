@@ -4,12 +4,14 @@ from collections.abc import Callable
 
 from porse.code.compile import compile_mapping, compile_reward
 from porse.config import Params
-from porse.exploration import VisitCounts
+from porse.exploration import SimHashCounts, SumCounts, VisitCounts
 from porse.identity import seed_for
-from porse.tasks import make_task
+from porse.tasks import find_task, make_task
 from porse.tasks.base import Task
+from porse.training.bonus import Bonus, MappingBonus, NoBonus, SimHashBonus
+from porse.training.goal import Goal, generated, human, sparse
 from porse.training.job import Job, Outcome
-from porse.training.reward import CandidateFailed, CandidateReward
+from porse.training.reward import CandidateFailed, Reward
 from porse.training.trainer import Trainer
 
 
@@ -17,7 +19,8 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
     """Trains `job` to its last epoch and writes its checkpoint; when its functions fail, nothing is written."""
     task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
     try:
-        trainer = Trainer(task, _reward(job, task, params), params.train, job.seed)
+        reward = Reward(_goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale)
+        trainer = Trainer(task, reward, params.train, job.seed)
         trainer.load(job.start)
         rows = trainer.train(job.until, report)
     except CandidateFailed as failure:
@@ -26,11 +29,23 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
     return Outcome([(row.epoch, row.series, row.value) for row in rows], "")
 
 
-def _reward(job: Job, task: Task, params: Params) -> CandidateReward:
-    portable = params.numerics == "portable"
-    goal = compile_reward(job.reward_source, task.VARIABLES, portable)
-    mapping = compile_mapping(job.mapping_source, task.VARIABLES, portable)
+def _goal(job: Job, params: Params) -> Goal:
+    if params.candidate.goal == "generated":
+        variables = find_task(params.task).VARIABLES
+        return generated(compile_reward(job.reward_source, variables, params.numerics == "portable"))
+    return human if params.candidate.goal == "human" else sparse
+
+
+def _bonus(job: Job, task: Task, params: Params) -> Bonus:
+    exploration = params.exploration
+    if params.candidate.bonus == "none":
+        return NoBonus()
+    if params.candidate.bonus == "simhash":
+        seed = seed_for(job.seed, "simhash")
+        counts = SimHashCounts(task.NUM_OBSERVATIONS, exploration.simhash_bits, exploration.lambda_, seed)
+        return SimHashBonus(counts)
+    mapping = compile_mapping(job.mapping_source, task.VARIABLES, params.numerics == "portable")
     # One call tells the directions: they are the mapping's output, and constant.
     _, rises, _ = mapping(task.variables())
-    visits = VisitCounts(rises, params.exploration.cells, params.exploration.lambda_)
-    return CandidateReward(goal, mapping, visits, job.beta, params.candidate.scale)
+    visits: type[VisitCounts | SumCounts] = SumCounts if exploration.discretiser == "sum" else VisitCounts
+    return MappingBonus(mapping, visits(rises, exploration.cells, exploration.lambda_))

@@ -42,6 +42,8 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
     Raises:
         CheckpointError: a start is missing or damaged.
     """
+    if not jobs:
+        return []
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["porse.training.candidate"])
     reports: SimpleQueue[Report | None] = context.SimpleQueue()

@@ -2,14 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from porse.code.compile import MappingFunction, RewardFunction
 from porse.code.verdict import CodeError
-from porse.exploration import VisitCounts
+from porse.tasks.base import Task
+from porse.training.bonus import Bonus
+from porse.training.goal import Goal
 
 
 class CandidateFailed(Exception):
@@ -29,65 +30,46 @@ class Payment:
     series: dict[str, Tensor]
 
 
-class Reward(Protocol):
-    """Pays the policy for the state after a step."""
-
-    def pay(self, variables: Mapping[str, Any]) -> Payment:
-        """Returns the payment for one step of all environments; raises CandidateFailed."""
-        ...
-
-    def state(self) -> dict[str, Tensor]:
-        """Returns all that a continuation needs."""
-        ...
-
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Goes on from `state()`."""
-        ...
-
-
-class CandidateReward:
-    """R_total = beta R_e + (scale - beta) R_g (eq. 6), with R_e from the mapping's visit counts.
+class Reward:
+    """R_total = beta R_e + (scale - beta) R_g (eq. 6).
 
     Args:
-        goal: the candidate's goal reward R_g.
-        mapping: the candidate's mapping M.
-        visits: the counts over the outputs of `mapping`.
+        goal: the goal reward R_g.
+        bonus: the exploration bonus R_e.
         beta: weight of the bonus.
         scale: sum of the two weights.
     """
 
-    def __init__(
-        self, goal: RewardFunction, mapping: MappingFunction, visits: VisitCounts, beta: float, scale: float
-    ) -> None:
-        self._goal, self._mapping, self._visits = goal, mapping, visits
+    def __init__(self, goal: Goal, bonus: Bonus, beta: float, scale: float) -> None:
+        self._goal, self._bonus = goal, bonus
         self._beta, self._scale = beta, scale
 
-    def pay(self, variables: Mapping[str, Any]) -> Payment:
-        """Returns the payment for one step of all environments.
+    def pay(self, task: Task) -> Payment:
+        """Returns the payment of all environments for the state that `task` is in.
 
         Raises:
             CandidateFailed: a function raised, or the goal reward is not finite.
         """
+        variables: Mapping[str, Any] = task.variables()
         try:
-            goal, components = self._goal(variables)
-            progress, _, names = self._mapping(variables)
+            goal, components = self._goal(task, variables)
+            bonus, progress = self._bonus.pay(variables)
         except CodeError as error:
             raise CandidateFailed(f"its function raised in training: {error}") from error
         if not bool(torch.isfinite(goal).all()):
             raise CandidateFailed(_not_finite(goal, components))
-        bonus = self._visits.bonus(torch.stack(list(progress), dim=1))
         series = {"goal": goal, "bonus": bonus}
         series |= {f"component/{name}": value for name, value in sorted(components.items())}
-        series |= {f"progress/{name}": value for name, value in zip(names, progress, strict=True)}
+        series |= {f"progress/{name}": value for name, value in progress.items()}
         return Payment(self._beta * bonus + (self._scale - self._beta) * goal, series)
 
     def state(self) -> dict[str, Tensor]:
-        """Returns the counts and their ranges."""
-        return self._visits.state()
+        """Returns all that a continuation needs: the bonus's counts."""
+        return self._bonus.state()
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Goes on from `state()`."""
-        self._visits.load_state(state)
+        self._bonus.load_state(state)
 
 
 class EpochMeans:

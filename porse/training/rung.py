@@ -1,6 +1,6 @@
 """One rung: a pool goes in, and the same pool comes out, every candidate trained to the rung's last epoch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from porse.config import Params
@@ -19,35 +19,38 @@ def train_rung(pool: Pool, params: Params, iteration: int, rung: str, until: int
     policy that it started the rung from, and its row says why it failed.
     """
     going = [row for row in pool.candidates if row["epochs"] < until and not row["failure"]]
-    # Candidates of one iteration share their draws, so that they differ by their functions and weights alone.
-    seed = seed_for(params.seed, "training", iteration)
-    jobs = [_job(row, pool, until, seed, out) for row in going]
-    steps = params.train.num_envs * params.train.steps_per_epoch
-    lengths = {row["candidate_id"]: until - row["epochs"] for row in going}
-    with RungBar(f"iteration {iteration} rung {rung}", lengths, steps) as bar:
+    epochs = sum(until - row["epochs"] for row in going)
+    with rung_bar(params, f"iteration {iteration} rung {rung}", len(going), epochs) as bar:
+        jobs = [job_for(row, pool.policy(row), until, params, out) for row in going]
         outcomes = train_pool(jobs, params, bar.advance)
     results = {row["candidate_id"]: outcome for row, outcome in zip(going, outcomes, strict=True)}
-    candidates = [_after(row, results.get(row["candidate_id"]), until) for row in pool.candidates]
-    curves = [*pool.curves, *_curve_rows(results, iteration, rung)]
-    kept = {row["policy"]: pool.policy(row) for row in candidates if not policy_file(out, row["policy"]).exists()}
-    write_pool(out, candidates, curves, kept)
+    candidates = [row_after(row, results.get(row["candidate_id"]), until) for row in pool.candidates]
+    write_trained(pool, candidates, curve_rows(results, iteration, rung), out)
 
 
-def _job(row: Row, pool: Pool, until: int, seed: int, out: Path) -> Job:
+def rung_bar(params: Params, label: str, candidates: int, epochs: int) -> RungBar:
+    """Returns the progress bar of trainings of so many candidates for so many epochs in all."""
+    steps = params.train.num_envs * params.train.steps_per_epoch
+    return RungBar(label, candidates, epochs, steps)
+
+
+def job_for(row: Row, start: Path, until: int, params: Params, out: Path) -> Job:
+    """Returns the training of a candidate from the file `start` to epoch `until`; its checkpoint goes to the pool `out`."""
     return Job(
         name=row["candidate_id"],
         reward_source=row["reward_source"],
         mapping_source=row["mapping_source"],
         beta=row["beta"],
-        start=pool.policy(row),
+        start=start,
         finish=policy_file(out, row["candidate_id"]),
         until=until,
-        seed=seed,
+        # Candidates of one iteration share their draws, so that they differ by their functions and weights alone.
+        seed=seed_for(params.seed, "training", row["iteration"]),
     )
 
 
-def _after(row: Row, outcome: Outcome | None, until: int) -> Row:
-    """Returns a candidate's row after the rung; `outcome` is None where it was not trained."""
+def row_after(row: Row, outcome: Outcome | None, until: int) -> Row:
+    """Returns a candidate's row after its training; `outcome` is None where it was not trained."""
     if outcome is None:
         return row
     if outcome.failure:
@@ -55,7 +58,8 @@ def _after(row: Row, outcome: Outcome | None, until: int) -> Row:
     return {**row, "epochs": until, "policy": row["candidate_id"]}
 
 
-def _curve_rows(results: dict[str, Outcome], iteration: int, rung: str) -> Sequence[Row]:
+def curve_rows(results: Mapping[str, Outcome], iteration: int, rung: str) -> list[Row]:
+    """Returns the rows of the curves table from outcomes by candidate id."""
     return [
         {
             "iteration": iteration,
@@ -68,3 +72,9 @@ def _curve_rows(results: dict[str, Outcome], iteration: int, rung: str) -> Seque
         for name, outcome in results.items()
         for epoch, series, value in outcome.rows
     ]
+
+
+def write_trained(pool: Pool, candidates: Sequence[Row], curves: Sequence[Row], out: Path) -> None:
+    """Writes a trained pool: `curves` are those of this rung, and policies that were not trained on are copied."""
+    kept = {row["policy"]: pool.policy(row) for row in candidates if not policy_file(out, row["policy"]).exists()}
+    write_pool(out, candidates, [*pool.curves, *curves], kept)

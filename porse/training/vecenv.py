@@ -58,7 +58,7 @@ class TaskEnv(VecEnv):
             CandidateFailed: the reward's functions failed.
         """
         self.task.step(actions)
-        payment = self.reward.pay(self.task.variables())
+        payment = self.reward.pay(self.task)
         terminated, timed_out = self.task.terminated(), self.task.timed_out()
         self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
         ends = terminated | timed_out

@@ -1,0 +1,66 @@
+"""Who answers: the model by way of its recorded replies, the grammar, or a random splice of state variables.
+
+A question that nobody records still has its key, and what the grammar writes for it follows from the run's seed and that
+key alone. So methods that ask the same question get the same answer, whoever answers.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from porse.config import Params
+from porse.generation.grammar import mapping_text, reward_text, spliced_mapping_text, values_text
+from porse.identity import seed_for
+from porse.llm.ask import ask
+from porse.llm.request import Question, Reply
+from porse.tasks import find_task
+
+GRAMMAR, SPLICED = "grammar", "spliced"
+
+
+def answers(kinds: Sequence[str], questions: Sequence[Question], params: Params, cache: Path) -> list[Reply]:
+    """Returns the replies to the questions, in their order.
+
+    Args:
+        kinds: what each question asks for: reward, mapping, beta or alpha.
+        questions: what to ask and where in the run it is asked.
+        params: the run's parameters.
+        cache: the folder of recorded replies.
+
+    Raises:
+        CacheMiss: replies are missing in frozen mode; and what else `porse.llm.ask.ask` raises.
+    """
+    writers = [_writer(kind, params) for kind in kinds]
+    asked = [question for question, writer in zip(questions, writers, strict=True) if not writer]
+    recorded = iter(ask(asked, params.llm, cache) if asked else [])
+    return [
+        _written(writer, kind, question.request.key, params) if writer else next(recorded)
+        for kind, question, writer in zip(kinds, questions, writers, strict=True)
+    ]
+
+
+def _writer(kind: str, params: Params) -> str:
+    """Returns who writes in place of the model, empty for nobody."""
+    if kind == "mapping" and params.generate.mappings == "spliced":
+        return SPLICED
+    return GRAMMAR if params.generator == "grammar" else ""
+
+
+def _written(writer: str, kind: str, key: str, params: Params) -> Reply:
+    return Reply(
+        key=key,
+        text=_text(writer, kind, seed_for(params.seed, writer, key), params),
+        finish_reason="stop",
+        prompt_tokens=0,
+        completion_tokens=0,
+        answered_by=writer,
+        cost_usd=0.0,
+    )
+
+
+def _text(writer: str, kind: str, seed: int, params: Params) -> str:
+    if kind not in ("reward", "mapping"):
+        return values_text(kind, params.mutate.mutants, params.candidate.scale, seed)
+    variables = find_task(params.task).VARIABLES
+    if writer == SPLICED:
+        return spliced_mapping_text(variables, seed)
+    return reward_text(variables, seed) if kind == "reward" else mapping_text(variables, seed)

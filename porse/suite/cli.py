@@ -1,0 +1,45 @@
+"""`porse suite`: runs many configurations from one file, and shows what came out of them."""
+
+import json
+from pathlib import Path
+
+import click
+
+from porse.errors import PorseError
+from porse.suite.folders import folders_of
+from porse.suite.plan import load_suite
+from porse.suite.run import run_suite
+from porse.suite.status import rows, status_text, suite_status, summary
+
+FILE = click.argument("file", type=click.Path(path_type=Path))
+
+
+@click.group()
+def suite() -> None:
+    """Many runs from one file, to compare methods, ablations, tasks and seeds."""
+
+
+@suite.command()
+@FILE
+def run(file: Path) -> None:
+    """Run every entry of FILE that is not done, each in a clone of the project; a failed one stops nobody else."""
+    failed = run_suite(load_suite(file), Path.cwd(), str(file), click.echo)
+    if failed:
+        raise PorseError(
+            f"expected every entry of {file} to get to its end, found {len(failed)} that failed: {', '.join(failed)}; "
+            "mend what their logs say, and run the suite again"
+        )
+
+
+@suite.command()
+@FILE
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
+def status(file: Path, as_json: bool) -> None:
+    """Print how far FILE's suite is: a row for each entry, and mean and deviation over seeds."""
+    loaded = load_suite(file)
+    entries = rows(suite_status(loaded, Path.cwd(), str(file)))
+    if as_json:
+        click.echo(json.dumps({"suite": loaded.name, "entries": entries, "summary": summary(entries)}, indent=2))
+    else:
+        click.echo(status_text(entries))
+        click.echo(f"\nlogs and results: {folders_of(loaded.name, Path()).suite}")

@@ -1,0 +1,180 @@
+"""How far a suite is and what came out of it: rows, a summary over seeds, and both as text."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from porse.report.figures import human_normalised_score
+from porse.suite.folders import Folders, folders_of, is_locked, read_json
+from porse.suite.plan import Entry, Suite
+from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
+from porse.suite.run import failure, is_done
+
+State = Literal["done", "failed", "running", "partial", "outdated", "waiting"]
+
+
+@dataclass(frozen=True)
+class Status:
+    """One entry of a suite.
+
+    Attributes:
+        state: `partial` began and was interrupted; `outdated` was done with other parameters or other code.
+        metrics: the run's `metrics.json` where it is done, else None.
+        reason: why it failed, else None.
+    """
+
+    entry: Entry
+    state: State
+    metrics: Mapping[str, Any] | None
+    reason: str | None
+
+
+def suite_status(suite: Suite, root: Path, where: str) -> list[Status]:
+    """Returns the status of every entry, in order.
+
+    Args:
+        suite: the suite.
+        root: the project's root.
+        where: names the suite's file in errors.
+
+    Raises:
+        ParamsError: the parameters of an entry are wrong.
+        PorseError: `root` is no Git repository.
+    """
+    folders = folders_of(suite.name, root)
+    running = is_locked(folders.lock)
+    code = code_id(root, tracked_files(root))
+    return [_status(folders, resolved, running) for resolved in resolve(suite, root, code, where)]
+
+
+def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
+    name = resolved.entry.name
+    if is_done(folders, resolved):
+        return Status(resolved.entry, "done", read_json(folders.result(name) / "metrics.json"), None)
+    reason = failure(folders, name)
+    current = read_json(folders.current)
+    state: State = "waiting"
+    if reason is not None:
+        state = "failed"
+    elif running and current is not None and current["entry"] == name:
+        state = "running"
+    elif current == {"entry": name, **resolved.ids}:
+        state = "partial"
+    elif (folders.result(name) / "done.json").exists():
+        state = "outdated"
+    return Status(resolved.entry, state, None, reason)
+
+
+def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
+    """Returns one row for each entry, in order; figures are None where there are none.
+
+    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task and seed
+    (eq. 8), and where one of them is not done, against the references of `params.yaml`.
+    """
+    measured = {
+        (status.entry.method, status.entry.task, status.entry.seed): status.metrics["mts"]
+        for status in statuses
+        if status.metrics is not None and status.entry.ablation == "none"
+    }
+    return [_row(status, measured) for status in statuses]
+
+
+def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict[str, Any]:
+    entry, metrics = status.entry, status.metrics
+    row = {
+        "entry": entry.name,
+        "task": entry.task,
+        "method": entry.method,
+        "ablation": entry.ablation,
+        "seed": entry.seed,
+        "state": status.state,
+        "reason": status.reason,
+    }
+    figures = ("mts", "hns", "evaluation_mean", "evaluation_std", "epochs_spent", "epochs_allowed", "valid_share")
+    if metrics is None:
+        return row | dict.fromkeys(figures)
+    human, sparse = (measured.get((method, entry.task, entry.seed)) for method in ("human", "sparse"))
+    hns = metrics["hns"]
+    if human is not None and sparse is not None:
+        hns = human_normalised_score(metrics["mts"], human, sparse)
+    return row | {
+        "mts": metrics["mts"],
+        "hns": hns,
+        "evaluation_mean": metrics["evaluation"]["mts_mean"],
+        "evaluation_std": metrics["evaluation"]["mts_std"],
+        "epochs_spent": metrics["epochs_spent"],
+        "epochs_allowed": metrics["epochs_allowed"],
+        "valid_share": metrics["replies"]["valid_share"],
+    }
+
+
+def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Returns, for each task, method and ablation with something done, mean and deviation of MTS over seeds.
+
+    Args:
+        entries: rows of `rows`.
+
+    Returns:
+        Rows in the order of the entries. The deviation is that of a sample (n - 1), None for fewer than two seeds.
+    """
+    groups: dict[tuple[str, str, str], list[float]] = {}
+    for row in entries:
+        if row["mts"] is not None:
+            groups.setdefault((row["task"], row["method"], row["ablation"]), []).append(row["mts"])
+    return [
+        {"task": task, "method": method, "ablation": ablation, "seeds": len(values), **_mean_and_std(values)}
+        for (task, method, ablation), values in groups.items()
+    ]
+
+
+def _mean_and_std(values: Sequence[float]) -> dict[str, float | None]:
+    mean = math.fsum(values) / len(values)
+    spread = math.fsum((value - mean) ** 2 for value in values)
+    return {"mts_mean": mean, "mts_std": math.sqrt(spread / (len(values) - 1)) if len(values) > 1 else None}
+
+
+def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
+    """Returns the rows and their summary as two tables for people, with the reasons of failures between them."""
+    titles = ("entry", "state", "MTS", "HNS", "evaluation", "epochs", "valid")
+    parts = [_aligned([titles, *(_cells(row) for row in entries)])]
+    reasons = [f"{row['entry']} failed: {row['reason']}" for row in entries if row["reason"] is not None]
+    if reasons:
+        parts.append("\n".join(reasons))
+    groups = summary(entries)
+    if groups:
+        parts.append(_aligned([("task", "method", "ablation", "seeds", "MTS"), *(_group_cells(row) for row in groups)]))
+    return "\n\n".join(parts)
+
+
+def _group_cells(group: Mapping[str, Any]) -> tuple[str, ...]:
+    names = (group["task"], group["method"], group["ablation"], str(group["seeds"]))
+    return (*names, _spread(group["mts_mean"], group["mts_std"]))
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    if row["mts"] is None:
+        return (row["entry"], row["state"], "-", "-", "-", "-", "-")
+    return (
+        row["entry"],
+        row["state"],
+        f"{row['mts']:.3f}",
+        "undefined" if row["hns"] is None else f"{row['hns']:.2f}",
+        _spread(row["evaluation_mean"], row["evaluation_std"]),
+        f"{row['epochs_spent']}/{row['epochs_allowed']}",
+        "-" if row["valid_share"] is None else f"{row['valid_share']:.2f}",
+    )
+
+
+def _spread(mean: float | None, std: float | None) -> str:
+    if mean is None:
+        return "-"
+    return f"{mean:.3f}" if std is None else f"{mean:.3f} +- {std:.3f}"
+
+
+def _aligned(lines: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+    )

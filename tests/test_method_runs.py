@@ -1,0 +1,244 @@
+"""Every method and every ablation through `dvc repro`, on two tasks, from the grammar: what differs from PoRSE's run.
+
+The runs are real ones at tiny size, two at a time; a warm server spares each stage its imports.
+"""
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import yaml
+
+from porse import tables
+from porse.config import load_params
+from porse.methods import ABLATIONS, METHODS
+from porse.search.schedule import total_epochs
+from tiny import committed_params, dvc, make_project
+from warm_stages import warm_stages
+
+TASKS = ("Quadcopter", "Over")
+METHOD_NAMES = [*METHODS]
+ABLATION_NAMES = [name for name in ABLATIONS if name != "none"]
+NAMES = [*METHOD_NAMES, *ABLATION_NAMES]
+ORDER = [
+    f"run/{where}"
+    for n in (1, 2)
+    for where in (
+        f"{n}/start", f"{n}/generate", f"{n}/validate-code", f"{n}/train-1", f"{n}/eliminate-1", f"{n}/mutate",
+        f"{n}/train-mutants", f"{n}/eliminate-mutants",
+    )
+]  # fmt: skip
+FIRST_DIFFERENCE = {
+    # Other questions are asked than PoRSE asks, or none.
+    **dict.fromkeys([name for name in METHOD_NAMES if name != "porse"], "run/1/generate"),
+    "without-goal-reward": "run/1/generate",
+    "without-bonus": "run/1/generate",
+    "spliced-mapping": "run/1/generate",
+    "beyond-goal": "run/1/generate",
+    "gpt-4o-mini": "run/1/generate",
+    # Candidates differ from the start in their weights.
+    "weights-sum-to-1": "run/1/validate-code",
+    # The bonus differs.
+    "cells-2000": "run/1/train-1",
+    "cells-3000": "run/1/train-1",
+    # Mutants differ: beta is due in iteration 1, alpha in iteration 2.
+    "fixed-beta": "run/1/mutate",
+    "fixed-alpha": "run/2/mutate",
+    # What iteration 2 starts from differs.
+    "without-fusion": "run/2/start",
+    # The paper's own value.
+    "cells-1000": None,
+    "porse": None,
+}
+"""The first output, in the order of the run, whose bytes differ from PoRSE's."""
+
+REWARDS = ("eureka", "roska", "roska-ce", "revolve-auto", "simhash", "without-bonus", "spliced-mapping", "beyond-goal")
+MAPPINGS = ("llmcount", "without-goal-reward")
+"""Who asks for the same rewards, or mappings, as PoRSE in iteration 1."""
+
+ONE_ITERATION = (
+    "without-goal-reward", "spliced-mapping", "beyond-goal", "cells-1000", "cells-2000", "cells-3000",
+    "weights-sum-to-1", "gpt-4o-mini",
+)  # fmt: skip
+"""Ablations that show in the first iteration, which is then all that is run of them."""
+
+
+def params_of(task: str, name: str) -> dict:
+    params = committed_params()
+    params |= {"task": task, "generator": "grammar"}
+    params["method" if name in METHODS else "ablation"] = name
+    params["generate"] |= {"candidates": 2, "elites": 1}
+    params["validate"] |= {"probe_envs": 8, "probe_steps": 8}
+    params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
+    params["probe"] |= {"initial": 2}
+    params["mutate"] |= {"pool": "eliminate-1", "mutants": 2}
+    params["fuse"] |= {"pool": "eliminate-mutants"}
+    params["evaluate"] |= {"seeds": 1}
+    count = 1 if name in ONE_ITERATION else 2
+    params["iterations"] = [{"n": n, "next": n + 1} for n in range(1, count + 1)]
+    params["rungs"] = [
+        {"rung": 1, "pool": "validate-code", "until": 1, "keep": 1},
+        {"rung": "mutants", "pool": "mutate", "until": 1, "keep": 1},
+    ]
+    return params
+
+
+class Runs:
+    """The finished runs, by task and name; `again` are second runs of every method in another place."""
+
+    def __init__(self, folder: Path, venv: Path) -> None:
+        self._folder, self._venv = folder, venv
+        places = [(task, name, "once") for task in TASKS for name in NAMES]
+        places += [(TASKS[0], name, "again") for name in METHOD_NAMES]
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda place: self._run(*place), places))
+
+    def _run(self, task: str, name: str, where: str) -> None:
+        project = make_project(self.folder(task, name, where), params_of(task, name), self._venv)
+        dvc(project, "repro", "--no-run-cache", PORSE_WORKERS="1" if where == "again" else "2")
+
+    def folder(self, task: str, name: str, where: str = "once") -> Path:
+        return self._folder / where / f"{task} {name}"
+
+    def outs(self, task: str, name: str, where: str = "once") -> dict[str, str]:
+        """The hash of every output, by its path, as the lock names it."""
+        lock = yaml.safe_load((self.folder(task, name, where) / "dvc.lock").read_text())
+        return {out["path"]: out["md5"] for stage in lock["stages"].values() for out in stage["outs"]}
+
+    def table(self, task: str, name: str, table: str) -> list[dict]:
+        return tables.read(self.folder(task, name) / "results" / f"{table}.parquet", tables.TABLES[table])
+
+    def metrics(self, task: str, name: str) -> dict:
+        return json.loads((self.folder(task, name) / "metrics.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Iterator[Runs]:
+    with warm_stages(tmp_path_factory.mktemp("warm")) as venv:
+        yield Runs(tmp_path_factory.mktemp("runs"), venv)
+
+
+pytestmark = pytest.mark.timeout(1200)
+
+
+def test_every_name_has_its_first_difference():
+    assert set(FIRST_DIFFERENCE) == set(NAMES)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_differs_from_porses_where_it_should_and_not_before(runs, task, name):
+    own, porses = runs.outs(task, name), runs.outs(task, "porse")
+    assert next((path for path in ORDER if path in own and own[path] != porses[path]), None) == FIRST_DIFFERENCE[name]
+
+
+@pytest.mark.parametrize("name", METHOD_NAMES)
+def test_the_same_method_gives_the_same_bytes_with_another_number_of_workers(runs, name):
+    assert runs.outs(TASKS[0], name, "again") == runs.outs(TASKS[0], name)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_spent_is_what_the_schedule_says(runs, task, name):
+    metrics, params = runs.metrics(task, name), load_params(runs.folder(task, name) / "params.yaml")
+    spent = sum(row["series"] == "fitness" for row in runs.table(task, name, "curves"))
+    assert metrics["epochs_spent"] == spent
+    assert metrics["environment_steps"] == spent * 8 * 4
+    # Equal candidates are trained once: the grammar may write one mapping twice.
+    assert spent == total_epochs(params) or (name in MAPPINGS and spent < total_epochs(params))
+    assert metrics["failed_candidates"] == 0
+    assert metrics["evaluation"]["seeds"] == 1
+
+
+def replies(runs, task, name, kind):
+    rows = runs.table(task, name, "replies")
+    return [(row["slot"], row["key"], row["text"]) for row in rows if row["kind"] == kind and row["iteration"] == 1]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_methods_that_ask_the_same_question_share_the_answer(runs, task):
+    for kind, names in (("reward", REWARDS), ("mapping", MAPPINGS)):
+        porses = replies(runs, task, "porse", kind)
+        for name in names:
+            assert replies(runs, task, name, kind) == porses, name
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", NAMES)
+def test_candidates_are_made_of_what_the_parameters_say(runs, task, name):
+    candidate = load_params(runs.folder(task, name) / "params.yaml").candidate
+    rows, curves = runs.table(task, name, "candidates"), runs.table(task, name, "curves")
+    assert {bool(row["reward_source"]) for row in rows} == {candidate.goal == "generated"}
+    assert {bool(row["mapping_source"]) for row in rows} == {candidate.bonus == "mapping"}
+    series = {row["series"].split("/")[0] for row in curves}
+    assert ("component" in series) == (candidate.goal == "generated")
+    assert ("progress" in series) == (candidate.bonus == "mapping")
+    paid = any(row["value"] for row in curves if row["series"] == "bonus")
+    assert paid == (candidate.bonus != "none")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_mutants_vary_what_the_ablation_leaves_them(runs, task):
+    varied = {
+        name: [(row["iteration"], row["varied"]) for row in runs.table(task, name, "mutants")]
+        for name in ("porse", "fixed-beta", "fixed-alpha", "without-fusion", "without-bonus", "eureka")
+    }
+    assert varied == {
+        "porse": [(1, "beta")] * 2 + [(2, "alpha")] * 2,
+        "fixed-beta": [(2, "alpha")] * 2,
+        "without-bonus": [(2, "alpha")] * 2,
+        "fixed-alpha": [(1, "beta")] * 2 + [(2, "beta")] * 2,
+        "without-fusion": [(1, "beta")] * 2 + [(2, "beta")] * 2,
+        "eureka": [],
+    }
+
+
+def start(runs, task, name, policy):
+    return (runs.folder(task, name) / "run" / "2" / "start" / "policies" / f"{policy}.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", ["eureka", "revolve-auto", "without-fusion"])
+def test_without_fusion_iteration_2_starts_from_the_random_policy(runs, task, name):
+    assert start(runs, task, name, "fused") == start(runs, task, name, "random")
+    assert start(runs, task, "porse", "fused") != start(runs, task, "porse", "random")
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", ["roska", "roska-ce"])
+def test_roska_tries_14_alphas_for_each_candidate_and_goes_on_with_the_best(runs, task, name):
+    probes = [row for row in runs.table(task, name, "candidates") if row["origin"] == "probe"]
+    assert {row["iteration"] for row in probes} == {2}
+    for parent in {row["parent_id"] for row in probes}:
+        alphas = [row["alpha"] for row in probes if row["parent_id"] == parent]
+        assert len(set(alphas)) == len(alphas) == 14
+        assert {0.0, 1.0} <= set(alphas)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_revolve_breeds_the_second_iteration_from_the_first(runs, task):
+    rows = runs.table(task, "revolve-auto", "candidates")
+    first = {row["candidate_id"] for row in rows if row["iteration"] == 1}
+    later = [row for row in rows if row["iteration"] == 2]
+    assert {row["origin"] for row in later} <= {"mutation", "crossover"}
+    assert all(set(row["parent_id"].split("+")) <= first for row in later)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("name", ["llmcount", "human", "sparse"])
+def test_methods_without_iterations_spend_everything_in_the_first(runs, task, name):
+    assert [row["iteration"] for row in runs.table(task, name, "iterations")] == [1]
+    assert runs.outs(task, name)["run/3/start"] == runs.outs(task, name)["run/2/start"]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_human_and_sparse_are_paid_the_tasks_own_rewards(runs, task):
+    goals = {
+        name: [row["value"] for row in runs.table(task, name, "curves") if row["series"] == "goal"]
+        for name in ("human", "sparse")
+    }
+    assert goals["human"] != goals["sparse"]
+    totals = [row["value"] for row in runs.table(task, "human", "curves") if row["series"] == "reward"]
+    assert totals == goals["human"]

@@ -1,0 +1,141 @@
+"""`porse render` and `porse play` with MuJoCo's own renderer and no display. One process runs them all, as torch loads once."""
+
+import ctypes.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from porse import show
+from porse.checkpoint import write_checkpoint
+from porse.errors import PorseError
+from porse.training.start import random_policy
+
+RUN = """
+import json, sys
+from click.testing import CliRunner
+from porse.cli import main
+for arguments in json.load(sys.stdin):
+    result = CliRunner().invoke(main, arguments)
+    print(json.dumps([result.exit_code, result.output]))
+"""
+
+RENDERER = next((name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)), None)
+drawn = pytest.mark.skipif(RENDERER is None, reason="needs EGL or OSMesa: install libegl1 or libosmesa6")
+
+
+@pytest.fixture(scope="module")
+def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, str]]]:
+    """Returns a folder and, for each file written into it, the exit code and the output of its command."""
+    folder = tmp_path_factory.mktemp("shown")
+    write_checkpoint(folder / "policy.safetensors", random_policy(params, 1))
+    policy = ["--checkpoint", "policy.safetensors", "--params", str(root / "params.yaml"), "--seconds", "0.4"]
+    commands = {
+        "over.png": ["render", "Over", "--out", "over.png"],
+        "quadcopter.gif": ["render", "Quadcopter", "--out", "quadcopter.gif", "--seconds", "0.4"],
+        "again.gif": ["render", "Quadcopter", "--out", "again.gif", "--seconds", "0.4"],
+        "Quadcopter.gif": ["play", "Quadcopter", *policy],
+        "pen.gif": ["play", "Pen", "--out", "pen.gif", "--seconds", "0.2"],
+        "pen_by_policy.gif": ["play", "Pen", "--out", "pen_by_policy.gif", *policy],
+        "pen.webp": ["render", "Pen", "--out", "pen.webp"],
+        "nothing.png": ["render", "Penn", "--out", "nothing.png"],
+    }
+    headless = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "MUJOCO_GL")}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], cwd=folder, env=headless | {"PYTHONPATH": str(root)}, text=True, check=True,
+        input=json.dumps(list(commands.values())), stdout=subprocess.PIPE,
+    )  # fmt: skip
+    results = [tuple(json.loads(line)) for line in done.stdout.splitlines()]
+    return folder, dict(zip(commands, results, strict=True))
+
+
+@drawn
+def test_a_png_shows_the_task_at_an_episodes_start(shown):
+    folder, results = shown
+    assert results["over.png"] == (0, "over.png: Over\n")
+    pixels = imageio.imread(folder / "over.png")
+    assert pixels.shape == (360, 480, 3)
+    # The floor, the hands, the egg and its goal: a blank picture has one colour.
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
+
+
+@drawn
+def test_a_gif_has_25_frames_a_second_and_moves(shown):
+    folder, results = shown
+    assert results["quadcopter.gif"] == (0, "quadcopter.gif: Quadcopter\n")
+    frames = imageio.imread(folder / "quadcopter.gif")
+    # 0.4 s of 0.01 s steps, every 4th of them, and the start
+    assert frames.shape == (11, 360, 480, 3)
+    assert not np.array_equal(frames[0], frames[-1])
+    assert imageio.immeta(folder / "quadcopter.gif")["duration"] == 40
+
+
+@drawn
+def test_random_actions_are_the_same_each_time(shown):
+    folder, _ = shown
+    assert (folder / "quadcopter.gif").read_bytes() == (folder / "again.gif").read_bytes()
+
+
+@drawn
+def test_play_without_a_display_writes_a_gif_named_after_the_task(shown):
+    folder, results = shown
+    assert results["Quadcopter.gif"] == (0, "Quadcopter.gif: Quadcopter, 0.4 s\n")
+    assert imageio.imread(folder / "Quadcopter.gif").shape == (11, 360, 480, 3)
+
+
+@drawn
+def test_play_follows_the_policy(shown):
+    """From the same start, the policy's actions lead elsewhere than the random ones of `render`."""
+    folder, _ = shown
+    by_policy, at_random = (imageio.imread(folder / name) for name in ("Quadcopter.gif", "quadcopter.gif"))
+    assert np.array_equal(by_policy[0], at_random[0])
+    assert not np.array_equal(by_policy[-1], at_random[-1])
+
+
+@drawn
+def test_play_without_a_policy_is_random(shown):
+    folder, results = shown
+    assert results["pen.gif"] == (0, "pen.gif: Pen, 0.2 s\n")
+    # 11 steps of 0.01667 s, every 2nd of them, and the start
+    assert imageio.imread(folder / "pen.gif").shape[0] == 6
+
+
+@drawn
+def test_a_policy_of_another_task_is_refused(shown):
+    _, results = shown
+    code, said = results["pen_by_policy.gif"]
+    assert code == 1
+    assert "expected the networks of params.yaml (train.hidden) and of the task" in said
+
+
+@drawn
+def test_another_kind_of_file_and_an_unknown_task_are_refused(shown):
+    folder, results = shown
+    assert results["pen.webp"] == (
+        1, "Error: expected --out to end in .png or .gif, found pen.webp; choose one of them\n",
+    )  # fmt: skip
+    assert results["nothing.png"][0] == 1
+    assert "'Penn'; the nearest names are Pen" in results["nothing.png"][1]
+    assert not (folder / "nothing.png").exists()
+
+
+def test_the_renderer_is_the_one_that_is_there_and_the_users_choice_goes_first(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(show.sys, "platform", "linux")
+    for found, expected in (({"EGL", "OSMesa"}, "egl"), ({"OSMesa"}, "osmesa")):
+        monkeypatch.setenv("MUJOCO_GL", "")
+        monkeypatch.setattr(ctypes.util, "find_library", lambda name, found=found: name if name in found else None)
+        show._choose_renderer()
+        assert os.environ["MUJOCO_GL"] == expected
+    monkeypatch.setenv("MUJOCO_GL", "")
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None)
+    with pytest.raises(PorseError, match="libegl1 or libosmesa6"):
+        show._choose_renderer()
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    show._choose_renderer()
+    assert os.environ["MUJOCO_GL"] == "glfw"

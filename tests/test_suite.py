@@ -1,0 +1,399 @@
+"""Suites: what a file asks for, what the status says of hand-made results, and one real suite at tiny size."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+import tiny
+from porse.cli import main
+from porse.errors import ParamsError, PorseError
+from porse.identity import canonical_json
+from porse.suite.folders import folders_of, is_locked, locked, write_json
+from porse.suite.plan import load_suite, parse_suite, task_names
+from porse.suite.resolve import code_id, laid_over, resolve, tracked_files
+from porse.suite.status import rows, status_text, suite_status
+from porse.tasks import TASKS
+from warm_stages import warm_stages
+
+PLAIN = {"name": "a", "tasks": ["Quadcopter"], "methods": ["porse"], "seeds": [1]}
+
+
+def names(**changed) -> list[str]:
+    return [entry.name for entry in parse_suite({**PLAIN, **changed}, "a.yaml").entries]
+
+
+def test_entries_are_tasks_by_methods_by_ablations_by_seeds_and_then_those_listed():
+    asked = {
+        "tasks": ["Quadcopter", "my_tasks.cart:CartPole"],
+        "methods": ["human", "porse"],
+        "ablations": ["none", "without-fusion"],
+        "seeds": [2, 1],
+        "entries": [{"task": "Over", "method": "eureka", "ablation": "cells-2000", "seed": 3}],
+    }
+    # An ablation is one of PoRSE, so that the human reward has none; what is listed may have any.
+    assert names(**asked) == [
+        "Quadcopter-human-2", "Quadcopter-human-1",
+        "Quadcopter-porse-2", "Quadcopter-porse-1",
+        "Quadcopter-porse-without-fusion-2", "Quadcopter-porse-without-fusion-1",
+        "my_tasks.cart.CartPole-human-2", "my_tasks.cart.CartPole-human-1",
+        "my_tasks.cart.CartPole-porse-2", "my_tasks.cart.CartPole-porse-1",
+        "my_tasks.cart.CartPole-porse-without-fusion-2", "my_tasks.cart.CartPole-porse-without-fusion-1",
+        "Over-eureka-cells-2000-3",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"taks": ["Over"]}, "found taks; did you mean tasks?"),
+        ({"seeds": []}, "expected seeds to be a list with at least one entry"),
+        ({"seeds": [True]}, re.escape("expected seeds[0] to be a value of type int, found True")),
+        (
+            {"tasks": ["Quadcoper"]},
+            r"expected tasks\[0\] to be one of .*'Quadcoper' in a.yaml; did you mean Quadcopter",
+        ),
+        ({"tasks": ["cart:"]}, r"expected tasks\[0\]"),
+        ({"methods": ["human", "eureca"]}, r"expected methods\[1\] .*did you mean eureka\?"),
+        ({"ablations": ["without-fusoin"]}, r"expected ablations\[0\] .*did you mean without-fusion"),
+        ({"name": "../a"}, "expected name to be letters, digits"),
+        ({"seeds": [1, 1]}, "expected every entry once in a.yaml, found Quadcopter-porse-1 twice"),
+        ({"entries": [{"task": "Quadcopter", "method": "porse", "seed": 1}]}, "found Quadcopter-porse-1 twice"),
+        ({"entries": [{"task": "Over", "method": "porse"}]}, re.escape("expected the parameter entries[0].seed")),
+        ({"entries": ["Over"]}, re.escape("expected entries[0] to be a mapping, found 'Over'")),
+        ({"overrides": {"seed": 2}}, "expected overrides to leave seed alone in a.yaml, found 2"),
+        ({"overrides": ["seed"]}, "expected overrides to be a value of type dict"),
+    ],
+)
+def test_what_a_file_must_not_say_is_refused(changed, message):
+    with pytest.raises(ParamsError, match=message):
+        names(**changed)
+
+
+def test_a_file_that_is_missing_or_no_yaml_is_refused(tmp_path):
+    with pytest.raises(ParamsError, match="found no such file"):
+        load_suite(tmp_path / "none.yaml")
+    (tmp_path / "bad.yaml").write_text("tasks: [")
+    with pytest.raises(ParamsError, match="expected YAML in"):
+        load_suite(tmp_path / "bad.yaml")
+
+
+def test_the_suites_of_the_project_are_fine(root):
+    for path in (root / "suites").glob("*.yaml"):
+        assert load_suite(path).name == path.stem
+        resolve(load_suite(path), root, "", str(path))
+
+
+def test_the_names_of_the_tasks_are_read_without_importing_them():
+    assert task_names() == list(TASKS)
+
+
+def test_overrides_merge_mappings_and_replace_everything_else():
+    document = {"train": {"gamma": 0.9, "hidden": [64, 64]}, "seed": 1, "rungs": [1, 2]}
+    overrides = {"train": {"hidden": [8]}, "rungs": [3]}
+    assert laid_over(document, overrides) == {"train": {"gamma": 0.9, "hidden": [8]}, "seed": 1, "rungs": [3]}
+    assert document["train"]["hidden"] == [64, 64]
+
+
+@pytest.fixture
+def project(tmp_path) -> Path:
+    """A project of three tracked files: its parameters, its stages, and the code of one of them."""
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(tiny.committed_params()))
+    (tmp_path / "dvc.yaml").write_text("stages: {a: {cmd: x, deps: [code, run/start]}}")
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "a.py").write_text("1")
+    (tmp_path / "README.md").write_text("text")
+    (tmp_path / "llm_cache").mkdir()
+    (tmp_path / "llm_cache" / "reply.json").write_text("{}")
+    tiny.run(tmp_path, "git", "init", "-q")
+    tiny.run(tmp_path, "git", "add", "-A")
+    return tmp_path
+
+
+def test_the_code_is_what_stages_depend_on_as_it_is_now(project):
+    def code() -> str:
+        return code_id(project, tracked_files(project))
+
+    assert tracked_files(project) == ["README.md", "code/a.py", "dvc.yaml"]
+    before = code()
+    (project / "README.md").write_text("other text")
+    (project / "code" / "scratch.py").write_text("not tracked")
+    assert code() == before
+    (project / "code" / "a.py").write_text("2")
+    changed = code()
+    (project / "code" / "a.py").unlink()
+    assert len({before, changed, code()}) == 3
+
+
+def test_outside_a_repository_it_says_so(tmp_path):
+    with pytest.raises(PorseError, match="expected a Git repository"):
+        tracked_files(tmp_path)
+
+
+def test_an_entry_has_the_values_of_the_file_the_suite_and_itself(project):
+    suite = parse_suite(
+        {
+            **PLAIN,
+            "overrides": {"train": {"gamma": 0.5, "clip": 0.3}},
+            "entries": [{"task": "Over", "method": "eureka", "seed": 7, "overrides": {"train": {"gamma": 0.6}}}],
+        },
+        "a.yaml",
+    )
+    first, second = resolve(suite, project, "code", "a.yaml")
+    assert [first.params[key] for key in ("task", "method", "ablation", "seed")] == ["Quadcopter", "porse", "none", 1]
+    assert [second.params[key] for key in ("task", "method", "ablation", "seed")] == ["Over", "eureka", "none", 7]
+    assert (first.params["train"]["gamma"], first.params["train"]["clip"]) == (0.5, 0.3)
+    assert (second.params["train"]["gamma"], second.params["train"]["clip"]) == (0.6, 0.3)
+    rest = [{key: value for key, value in each.params["train"].items() if key != "gamma"} for each in (first, second)]
+    assert canonical_json(rest[0]) == canonical_json(rest[1])
+    assert first.ids["params"] != second.ids["params"]
+
+
+def test_overrides_that_make_no_parameters_name_the_entry(project):
+    suite = parse_suite({**PLAIN, "overrides": {"train": {"gama": 0.5}}}, "a.yaml")
+    with pytest.raises(ParamsError, match=r"overrides of Quadcopter-porse-1 in a.yaml, found train.gama; did you mean"):
+        resolve(suite, project, "code", "a.yaml")
+
+
+def test_a_suite_runs_once_at_a_time(tmp_path):
+    path = tmp_path / "suite" / "lock"
+    assert not is_locked(path)
+    with locked(path):
+        assert is_locked(path)
+        with pytest.raises(PorseError, match="expected that nobody else runs this suite"), locked(path):
+            pass
+    assert not is_locked(path)
+
+
+def metrics(mts: float, hns: float | None = None, std: float | None = None, share: float | None = None) -> dict:
+    return {
+        "mts": mts,
+        "hns": hns,
+        "evaluation": {"seeds": 2, "mts_mean": mts, "mts_std": std},
+        "epochs_spent": 90,
+        "epochs_allowed": 2700,
+        "replies": {"valid_share": share},
+    }
+
+
+CUPS = {
+    "name": "cups",
+    "tasks": ["SwingCup"],
+    "methods": ["human", "sparse", "porse"],
+    "ablations": ["none", "without-bonus"],
+    "seeds": [1, 2],
+    "entries": [{"task": "Kettle", "method": method, "seed": 1} for method in ("human", "sparse")],
+}
+DONE = {
+    "SwingCup-human-1": metrics(0.025),
+    "SwingCup-human-2": metrics(0.03, hns=0.5),
+    "SwingCup-sparse-1": metrics(0.001),
+    "SwingCup-porse-1": metrics(0.995, hns=9.0, std=0.01, share=0.75),
+    "SwingCup-porse-2": metrics(0.985, hns=7.5),
+    "Kettle-human-1": metrics(0.2),
+    "Kettle-sparse-1": metrics(0.2),
+}
+
+TABLE = """\
+entry                           state     MTS    HNS        evaluation      epochs   valid
+SwingCup-human-1                done      0.025  1.00       0.025           90/2700  -
+SwingCup-human-2                done      0.030  0.50       0.030           90/2700  -
+SwingCup-sparse-1               done      0.001  0.00       0.001           90/2700  -
+SwingCup-sparse-2               failed    -      -          -               -        -
+SwingCup-porse-1                done      0.995  41.42      0.995 +- 0.010  90/2700  0.75
+SwingCup-porse-2                done      0.985  7.50       0.985           90/2700  -
+SwingCup-porse-without-bonus-1  outdated  -      -          -               -        -
+SwingCup-porse-without-bonus-2  waiting   -      -          -               -        -
+Kettle-human-1                  done      0.200  undefined  0.200           90/2700  -
+Kettle-sparse-1                 done      0.200  undefined  0.200           90/2700  -
+
+SwingCup-sparse-2 failed: expected water, found none
+
+task      method  ablation  seeds  MTS
+SwingCup  human   none      2      0.028 +- 0.004
+SwingCup  sparse  none      1      0.001
+SwingCup  porse   none      2      0.990 +- 0.007
+Kettle    human   none      1      0.200
+Kettle    sparse  none      1      0.200"""
+"""By hand: (0.995 - 0.001) / (0.025 - 0.001) = 41.4166...; seed 2 has no sparse entry, so that its HNS is the run's own;
+the Kettle's references are equal. The deviation of 0.995 and 0.985 is sqrt(2 x 0.005^2) = 0.00707, and that of 0.025 and
+0.03 is sqrt(2 x 0.0025^2) = 0.00354 about 0.0275."""
+
+
+@pytest.fixture
+def cups(project) -> Path:
+    """A project whose suite `cups.yaml` has hand-made results."""
+    (project / "cups.yaml").write_text(yaml.safe_dump(CUPS))
+    folders = folders_of("cups", project)
+    code = code_id(project, tracked_files(project))
+    for each in resolve(load_suite(project / "cups.yaml"), project, code, "cups.yaml"):
+        folder = folders.result(each.entry.name)
+        if each.entry.name in DONE:
+            write_json(folder / "metrics.json", DONE[each.entry.name])
+            write_json(folder / "done.json", each.ids)
+        elif each.entry.name == "SwingCup-sparse-2":
+            lines = ["Running stage", "Error: expected water, found none", "ERROR: failed to reproduce 'train'"]
+            write_json(folder / "failed.json", {**each.ids, "exit_code": 1, "last_lines": lines})
+        elif each.entry.name == "SwingCup-porse-without-bonus-1":
+            write_json(folder / "metrics.json", metrics(0.5))
+            write_json(folder / "done.json", {**each.ids, "code": "other"})
+    return project
+
+
+def test_the_status_of_hand_made_results_is_this_table(cups):
+    entries = rows(suite_status(load_suite(cups / "cups.yaml"), cups, "cups.yaml"))
+    assert status_text(entries) == TABLE
+
+
+def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
+    monkeypatch.chdir(cups)
+    done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--json"], catch_exceptions=False)
+    printed = json.loads(done.output)
+    by_name = {row["entry"]: row for row in printed["entries"]}
+    assert by_name["SwingCup-porse-1"]["hns"] == pytest.approx(41.41667, abs=1e-5)
+    assert by_name["SwingCup-porse-1"]["evaluation_std"] == 0.01
+    assert by_name["Kettle-human-1"]["hns"] is None
+    assert by_name["SwingCup-sparse-2"]["reason"] == "expected water, found none"
+    assert printed["summary"][2] == {
+        "task": "SwingCup", "method": "porse", "ablation": "none", "seeds": 2,
+        "mts_mean": pytest.approx(0.99), "mts_std": pytest.approx(0.0070711, abs=1e-7),
+    }  # fmt: skip
+
+
+def test_what_the_code_of_a_stage_no_longer_is_makes_every_result_outdated(cups):
+    (cups / "code" / "a.py").write_text("2")
+    entries = rows(suite_status(load_suite(cups / "cups.yaml"), cups, "cups.yaml"))
+    assert {row["state"] for row in entries if row["entry"] in DONE} == {"outdated"}
+    assert "SwingCup-porse-1                outdated  -" in status_text(entries)
+
+
+def tiny_params() -> dict:
+    params = tiny.committed_params()
+    params["generate"] |= {"candidates": 2, "elites": 1}
+    params["validate"] |= {"probe_envs": 8, "probe_steps": 8}
+    params["train"] |= {"num_envs": 4, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
+    params["iterations"] = [{"n": 1, "next": "result"}]
+    params["rungs"] = [
+        {"rung": 1, "pool": "validate-code", "until": 1, "keep": 1},
+        {"rung": "mutants", "pool": "mutate", "until": 1, "keep": 1},
+    ]
+    params["mutate"] |= {"pool": "eliminate-1", "mutants": 1}
+    params["fuse"]["pool"] = "eliminate-mutants"
+    params["evaluate"]["seeds"] = 1
+    return params
+
+
+HOLDING = """#!/bin/sh
+case "$*" in "-m stages.fuse "*) if [ -e {hold} ]; then echo $$ > {hold}.pid; mv {hold}.pid {held}; exec sleep 600; fi;; esac
+exec {python} "$@"
+"""
+
+
+class Running:
+    """A tiny project in which a stage `fuse` waits for ever while the file `hold` is there."""
+
+    def __init__(self, folder: Path, venv: Path) -> None:
+        self.hold, self.held = folder / "hold", folder / "held"
+        python = folder / "venv" / "bin" / "python"
+        python.parent.mkdir(parents=True)
+        python.write_text(HOLDING.format(hold=self.hold, held=self.held, python=venv / "bin" / "python"))
+        python.chmod(0o755)
+        self.project = tiny.make_project(folder / "a project", tiny_params(), folder / "venv")
+        tiny.run(self.project, "git", "add", "-A")
+        self.write("porse", {"task": "Quadcopter", "method": "eureka", "seed": 1, "overrides": {"generator": "model"}})
+
+    def write(self, *methods: str | dict) -> None:
+        """Writes the suite: the first method combined, then an entry that fails, if given, then `sparse`."""
+        first, *failing = methods
+        entries = [*failing, {"task": "Quadcopter", "method": "sparse", "seed": 1}]
+        suite = {**PLAIN, "methods": [first], "overrides": {"generator": "grammar"}, "entries": entries}
+        (self.project / "a.yaml").write_text(yaml.safe_dump(suite))
+
+    def suite(self, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        return tiny.run(self.project, str(tiny.BIN / "porse"), "suite", *words, check=False, **environment)
+
+    def states(self) -> list[str]:
+        return [each.state for each in suite_status(load_suite(self.project / "a.yaml"), self.project, "a.yaml")]
+
+    def kill_in_fuse(self) -> list[str]:
+        """Starts the suite, kills it when its first entry has come to `fuse`, and returns the states just before."""
+        self.hold.touch()
+        command = [str(tiny.BIN / "porse"), "suite", "run", "a.yaml"]
+        environment = {**os.environ, **tiny.QUIET}
+        process = subprocess.Popen(command, cwd=self.project, env=environment, stdout=subprocess.DEVNULL)
+        deadline = time.monotonic() + 120
+        while not self.held.exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        states = self.states()
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        os.kill(int(self.held.read_text()), signal.SIGKILL)
+        self.hold.unlink()
+        return states
+
+
+@pytest.fixture
+def running(tmp_path) -> Iterator[Running]:
+    (tmp_path / "warm").mkdir()
+    with warm_stages(tmp_path / "warm") as venv:
+        yield Running(tmp_path, venv)
+
+
+def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
+    project, folders = running.project, folders_of("a", running.project)
+    before = tiny.run(project, "git", "status", "--porcelain").stdout
+
+    assert running.kill_in_fuse() == ["running", "waiting", "waiting"]
+    assert running.states() == ["partial", "waiting", "waiting"]
+
+    done = running.suite("run", "a.yaml")
+    assert done.returncode == 1
+    assert "found 1 that failed: Quadcopter-eureka-1" in done.stderr
+    assert running.states() == ["done", "failed", "done"]
+    # What was trained before the kill is not trained again.
+    ran = re.findall(r"Running stage '([^']+)'", folders.log("Quadcopter-porse-1").read_text())
+    assert ran == ["fuse@0", "evaluate", "summarise"]
+    result = folders.result("Quadcopter-porse-1")
+    assert json.loads((result / "metrics.json").read_text())["replies"]["functions"] > 0
+    assert yaml.safe_load((result / "params.yaml").read_text())["generator"] == "grammar"
+    assert yaml.safe_load((result / "dvc.lock").read_text())["stages"]["summarise"]
+    assert (result / "results" / "curves.parquet").is_file()
+    failed = json.loads((folders.result("Quadcopter-eureka-1") / "failed.json").read_text())
+    assert any("Expected a recorded reply in llm_cache" in line for line in failed["last_lines"])
+
+    # The failed entry alone is tried again; its mode comes from the environment, its questions go to the project.
+    again = running.suite("run", "a.yaml", PORSE_LLM_MODE="batch")
+    assert again.returncode == 1
+    assert again.stdout.count("was done before") == 2
+    assert "They are written to .porse/pending" in again.stdout
+    assert len(list((project / ".porse" / "pending").iterdir())) == 2
+
+    running.write("porse")
+    skipped = running.suite("run", "a.yaml")
+    assert skipped.returncode == 0
+    assert skipped.stdout.splitlines() == [
+        "[1/2] Quadcopter-porse-1: was done before",
+        "[2/2] Quadcopter-sparse-1: was done before",
+    ]
+    # The project itself is as it was.
+    assert tiny.run(project, "git", "status", "--porcelain").stdout == before
+    assert not (project / "run").exists()
+    assert not (project / "metrics.json").exists()
+
+    # A run in the project finds all of it in the cache, which they share, and ends with the same lock.
+    result = folders.result("Quadcopter-sparse-1")
+    (project / "params.yaml").write_bytes((result / "params.yaml").read_bytes())
+    ran = re.findall(r"Running stage '([^']+)'", tiny.dvc(project, "repro").stdout)
+    assert ran == ["summarise"]
+    assert (project / "dvc.lock").read_bytes() == (result / "dvc.lock").read_bytes()
+    assert (project / "metrics.json").read_bytes() == (result / "metrics.json").read_bytes()

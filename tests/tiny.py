@@ -1,0 +1,48 @@
+"""Tiny projects: a copy of this one with parameters that make `dvc repro` a matter of seconds. For tests."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+COPIED = ("porse", "stages", "prompts", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore")
+QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}
+
+
+def committed_params() -> dict[str, Any]:
+    return yaml.safe_load((ROOT / "params.yaml").read_text())
+
+
+def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
+    """Makes a Git and DVC repository in `project` with these parameters, no replies, and `venv` as its `.venv`."""
+    project.mkdir(parents=True)
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, project / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, project / name)
+    (project / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
+    (project / "llm_cache").mkdir()
+    (project / ".venv").symlink_to(venv)
+    run(project, "git", "init", "-q")
+    dvc(project, "init", "-q")
+    return project
+
+
+def run(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        command, cwd=where, env={**os.environ, **QUIET, **environment}, capture_output=True, text=True, timeout=280
+    )
+    assert not check or done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done
+
+
+def dvc(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+    return run(where, str(BIN / "dvc"), *command, check=check, **environment)
