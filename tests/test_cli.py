@@ -40,7 +40,13 @@ def test_every_command_is_in_the_readme(root, name):
 def test_the_schedule_ends_with_the_sum(root):
     lines = porse("schedule", "--params", str(root / "params.yaml")).output.splitlines()
     # 5 iterations x 36 H epochs, H = 15
-    assert lines[-1] == f"in all {5 * 36 * 15} epochs"
+    assert lines[-1] == f"in all {5 * 36 * 15} epochs of {5 * 6 * 90} allowed"
+
+
+def test_the_methods_are_printed_with_what_they_replace():
+    lines = porse("methods").output.splitlines()
+    assert lines[0] == "method   porse                params.yaml as it is"
+    assert any(line.startswith("ablation cells-2000 ") and "exploration.cells: 2000" in line for line in lines)
 
 
 def test_the_data_dictionary_names_every_column():

@@ -339,6 +339,10 @@ class Running:
         process.wait()
         os.kill(int(self.held.read_text()), signal.SIGKILL)
         self.hold.unlink()
+        # DVC ends with the suite, a moment later.
+        while is_locked(folders_of("a", self.project).lock):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
         return states
 
 
@@ -393,7 +397,6 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
     # A run in the project finds all of it in the cache, which they share, and ends with the same lock.
     result = folders.result("Quadcopter-sparse-1")
     (project / "params.yaml").write_bytes((result / "params.yaml").read_bytes())
-    ran = re.findall(r"Running stage '([^']+)'", tiny.dvc(project, "repro").stdout)
-    assert ran == ["summarise"]
+    assert "Running stage" not in tiny.dvc(project, "repro").stdout
     assert (project / "dvc.lock").read_bytes() == (result / "dvc.lock").read_bytes()
     assert (project / "metrics.json").read_bytes() == (result / "metrics.json").read_bytes()

@@ -50,7 +50,7 @@ def test_dimensions_are_those_of_the_paper():
 
 
 def test_the_page_is_current():
-    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(), "run: python -m porse.tasks.page docs"
+    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(DOCS), "run: python -m porse.tasks.page docs"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -23,15 +23,15 @@ sys.exit((connection.recv(1) or b"\\x01")[0])
 def warm_stages(folder: Path) -> Iterator[Path]:
     """Gives a folder that serves as a project's `.venv` while the block runs: its `bin/python` asks the server."""
     address = folder / "socket"
-    server = subprocess.Popen([sys.executable, str(SERVER), str(address)], stdout=subprocess.PIPE, text=True)
-    try:
-        assert server.stdout is not None
-        assert server.stdout.readline() == "ready\n"
-        python = folder / "bin" / "python"
-        python.parent.mkdir()
-        python.write_text(CLIENT.format(python=sys.executable, socket=str(address)))
-        python.chmod(0o755)
-        yield folder
-    finally:
-        server.terminate()
-        server.wait()
+    command = [sys.executable, str(SERVER), str(address)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            assert server.stdout.readline() == "ready\n"
+            python = folder / "bin" / "python"
+            python.parent.mkdir()
+            python.write_text(CLIENT.format(python=sys.executable, socket=str(address)))
+            python.chmod(0o755)
+            yield folder
+        finally:
+            server.terminate()

@@ -56,8 +56,10 @@ def folders_of(name: str, root: Path) -> Folders:
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Holds a lock file while the block runs; the system lets go of it when the process ends, however that ends.
+def locked(path: Path) -> Iterator[int]:
+    """Holds a lock file while the block runs, and gives its descriptor.
+
+    The system lets go of it when this process has ended, however it ends, and every process that got the descriptor.
 
     Raises:
         PorseError: another process holds it.
@@ -70,7 +72,7 @@ def locked(path: Path) -> Iterator[None]:
             raise PorseError(
                 f"expected that nobody else runs this suite, found {path} locked; wait until that run ends, or end it"
             ) from None
-        yield
+        yield file.fileno()
 
 
 def is_locked(path: Path) -> bool:

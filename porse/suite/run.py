@@ -31,7 +31,7 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
         PorseError: the suite is running already, or Git or DVC does not work here.
     """
     folders = folders_of(suite.name, root)
-    with locked(folders.lock):
+    with locked(folders.lock) as lock:
         files = tracked_files(root)
         if folders.source.exists():
             shutil.rmtree(folders.source)
@@ -45,7 +45,7 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
                 say(f"{label}: was done before")
                 continue
             say(f"{label}: runs, see {folders.log(name).relative_to(root)}")
-            if _run_entry(folders, resolved, files, root):
+            if _run_entry(folders, resolved, files, root, lock):
                 say(f"{label}: done")
             else:
                 failed.append(name)
@@ -70,7 +70,7 @@ def failure(folders: Folders, name: str) -> str | None:
     return (own or lines or [f"exit code {record['exit_code']}"])[-1]
 
 
-def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root: Path) -> bool:
+def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root: Path, lock: int) -> bool:
     """Runs one entry, from where it was left if the clone is its own; returns whether it got to its end."""
     name = resolved.entry.name
     current = {"entry": name, **resolved.ids}
@@ -80,13 +80,11 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     (folders.result(name) / "failed.json").unlink(missing_ok=True)
     fill_clone(folders.work, files, folders.source, root, resolved.params)
     write_json(folders.current, current)
+    # DVC would take a process that was killed, and that nobody has reaped yet, for one that is still at work here.
+    (folders.work / ".dvc" / "tmp" / "rwlock").unlink(missing_ok=True)
     log = folders.log(name)
     log.parent.mkdir(exist_ok=True)
-    with log.open("wb") as output:
-        # Else a killed suite would leave a run behind, which the next start would meet in the same clone.
-        code = subprocess.run(
-            [*DVC, "repro"], cwd=folders.work, stdout=output, stderr=subprocess.STDOUT, preexec_fn=die_with_parent
-        ).returncode
+    code = _reproduce(folders.work, log, lock)
     result = folders.result(name)
     if result.exists():
         shutil.rmtree(result)
@@ -101,3 +99,19 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     shutil.copytree(folders.work / "results", result / "results")
     write_json(result / "done.json", resolved.ids)
     return True
+
+
+def _reproduce(work: Path, log: Path, lock: int) -> int:
+    """Runs `dvc repro` in the clone, and returns its exit code.
+
+    It holds the suite's lock too, and ends with this process: nobody else ever works in the clone.
+    """
+    with log.open("wb") as output:
+        return subprocess.run(
+            [*DVC, "repro"],
+            cwd=work,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            pass_fds=(lock,),
+            preexec_fn=die_with_parent,
+        ).returncode

@@ -1,7 +1,9 @@
 """The page `docs/tasks.md`, generated from the tasks themselves: `python -m porse.tasks.page docs` writes it."""
 
+import csv
 import inspect
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from porse.tasks import TASKS, make_task
@@ -10,6 +12,9 @@ from porse.tasks.layout import layout
 from porse.tasks.picture import picture, write_png
 
 PICTURES = "pictures"
+LEARNED = "human_reward.csv"
+"""What short trainings with the human rewards did to fitness; written by `porse.report.learning`, not here."""
+
 WIDTH, HEIGHT = 320, 240
 
 HEAD = """# The tasks
@@ -49,8 +54,22 @@ departure, the task says so.
 """
 
 
-def page() -> str:
-    """Returns the page as Markdown."""
+HUMAN = """## What the human rewards teach
+
+Short trainings with the human reward, one seed each, by
+
+```sh
+porse suite run suites/human.yaml
+python -m porse.report.learning .porse/suites/human/results docs/human_reward.csv
+```
+
+Fitness is the mean over the first ten epochs, where the policy is about random, and over the last ten; MTS is the
+highest of any epoch. The originals train a hundred times longer and more.
+"""
+
+
+def page(folder: Path) -> str:
+    """Returns the page as Markdown, with the figures of `folder/human_reward.csv`."""
     rows = [
         "| task | family | observations | actions | steps an episode | control step (s) |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -60,7 +79,20 @@ def page() -> str:
             for name, task in TASKS.items()
         ),
     ]
-    return "\n".join([HEAD, *rows, "", *(_section(task) for task in TASKS.values())])
+    with (folder / LEARNED).open(encoding="utf-8", newline="") as file:
+        learned = _learned(list(csv.DictReader(file)))
+    return "\n".join([HEAD, *rows, "", HUMAN, *learned, "", *(_section(task) for task in TASKS.values())])
+
+
+def _learned(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    lines = [
+        "| task | environment steps | fitness, first epochs | last epochs | MTS |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for row in rows:
+        first, last, mts = (f"{float(row[name]):.3f}" for name in ("first", "last", "mts"))
+        lines.append(f"| {row['task']} | {int(row['environment_steps']):,} | {first} | {last} | {mts} |")
+    return lines
 
 
 def _section(task: type[Task]) -> str:
@@ -111,7 +143,7 @@ def _first(task: type[Task], *methods: str) -> str:
 
 def main(folder: Path) -> None:
     """Writes the page and its pictures into `folder`."""
-    (folder / "tasks.md").write_text(page(), encoding="utf-8")
+    (folder / "tasks.md").write_text(page(folder), encoding="utf-8")
     (folder / PICTURES).mkdir(parents=True, exist_ok=True)
     for name in TASKS:
         write_png(folder / PICTURES / f"{name}.png", picture(make_task(name, 1, seed=0), WIDTH, HEIGHT))
