@@ -1,10 +1,11 @@
 """What every stage script needs: the command line in one shape, parameters, and errors as one paragraph."""
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -25,6 +26,17 @@ class StageCommand(click.Command):
             return super().invoke(ctx)
         except PorseError as error:
             raise click.ClickException(str(error)) from error
+
+
+def run_stage(command: click.Command) -> NoReturn:
+    """Runs a stage's command as this process, which ends at once: to take PyTorch apart takes a second, and is no use."""
+    try:
+        command.main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

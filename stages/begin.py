@@ -7,7 +7,7 @@ import click
 from porse import tables
 from porse.checkpoint import write_checkpoint
 from porse.pool import RANDOM, START_POLICY, policy_file
-from porse.stage import StageCommand, begin, folder, write_manifest
+from porse.stage import StageCommand, begin, folder, run_stage, write_manifest
 
 
 @click.command(cls=StageCommand)
@@ -29,4 +29,4 @@ def main(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -7,7 +7,7 @@ import click
 from porse import tables
 from porse.pool import read_pool, write_pool
 from porse.search.elimination import how_many_go_on, ranked_pool, score_rows, survivor_rows, survivors
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -35,4 +35,4 @@ def main(iteration: int, rung: str, keep: int, trained: Path, out: Path) -> None
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

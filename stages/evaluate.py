@@ -8,7 +8,7 @@ import click
 from porse import tables
 from porse.report.run import read_lineage
 from porse.search.lengths import rung_epochs
-from porse.stage import StageCommand, begin, folder, say, write_manifest
+from porse.stage import StageCommand, begin, folder, run_stage, say, write_manifest
 
 
 @click.command(cls=StageCommand)
@@ -29,4 +29,4 @@ def main(run: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -13,7 +13,7 @@ from porse.search.breeding import Population, bred
 from porse.search.fusion import fuse
 from porse.search.incumbent import incumbent
 from porse.search.schedule import find_iteration
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -66,4 +66,4 @@ def hand_on_population(params: Params, iteration: int, start: Path, last: Pool, 
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

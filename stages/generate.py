@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from porse import tables
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -27,4 +27,4 @@ def main(iteration: int, start: Path, prompts: Path, cache: Path, out: Path) -> 
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

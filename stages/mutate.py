@@ -6,7 +6,7 @@ import click
 
 from porse import tables
 from porse.pool import policy_file, read_pool, write_pool
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -37,4 +37,4 @@ def main(iteration: int, pool: Path, start: Path, prompts: Path, cache: Path, ou
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -7,7 +7,7 @@ import click
 from porse import tables
 from porse.report.run import read_lineage, read_run
 from porse.report.summary import write_summary
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -28,4 +28,4 @@ def main(run: Path, evaluation: Path, results: Path, metrics: Path, plots: Path)
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -6,7 +6,7 @@ import click
 
 from porse.pool import read_pool
 from porse.search.lengths import alpha_is_searched, rung_epochs
-from porse.stage import StageCommand, begin, folder, write_manifest
+from porse.stage import StageCommand, begin, folder, run_stage, write_manifest
 
 
 @click.command(cls=StageCommand)
@@ -33,4 +33,4 @@ def main(iteration: int, rung: str, until: int, pool: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -7,7 +7,7 @@ import click
 from porse import tables
 from porse.pool import START_POLICIES, START_POLICY, policy_file, write_pool
 from porse.search.lengths import alpha_is_searched
-from porse.stage import StageCommand, begin, folder, say
+from porse.stage import StageCommand, begin, folder, run_stage, say
 
 
 @click.command(cls=StageCommand)
@@ -48,4 +48,4 @@ def main(iteration: int, start: Path, generated: Path, prompts: Path, cache: Pat
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

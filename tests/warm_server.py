@@ -34,7 +34,7 @@ def serve(path: str) -> None:
     for module in IMPORTED:
         importlib.import_module(module)
     candidates = multiprocessing.forkserver._forkserver
-    candidates.set_forkserver_preload(["porse.training.candidate"])
+    candidates.set_forkserver_preload(["porse.training.server"])
     candidates.ensure_running()
     candidates.ensure_running = lambda: None  # stages are not its parent and could not ask whether it lives
     listener = socket.socket(socket.AF_UNIX)

@@ -45,7 +45,7 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
     if not jobs:
         return []
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["porse.training.candidate"])
+    context.set_forkserver_preload(["porse.training.server"])
     reports: SimpleQueue[Report | None] = context.SimpleQueue()
     with (
         _told(reports, on_report),
