@@ -124,6 +124,8 @@ def transitive(root: Path, script: Path) -> set[Path]:
 
 NO_RESULT = {
     "porse/__init__.py",
+    "porse/report/__init__.py",  # a sentence
+    "porse/search/__init__.py",  # a sentence
     "porse/errors.py",  # the words of an error change no result
     "porse/stage.py",  # the command line
     "porse/config.py",  # values are tracked as params
@@ -183,7 +185,7 @@ def test_every_stage_says_what_it_does_and_names_its_parameters(root, name):
     sections = yaml.safe_load((root / "params.yaml").read_text())
     sets, *names = stage["params"]
     assert sets == {"porse/methods/sets.py": ["METHODS.${method}", "ABLATIONS.${ablation}"]}
-    assert set(names) <= set(sections)
+    assert {name.split(".")[0] for name in names} <= set(sections)
 
 
 def test_every_module_says_what_it_holds(root):

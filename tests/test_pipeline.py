@@ -16,6 +16,10 @@ import pytest
 import yaml
 
 from porse import tables
+from porse.config import load_params
+from porse.report.figures import chain_fitness
+from porse.report.run import read_lineage
+from porse.training import evaluation
 from scripted import answer
 from tiny import BIN, QUIET, committed_params, dvc, make_project, run
 from warm_stages import warm_stages
@@ -123,6 +127,16 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
     fitness = [row["value"] for row in results["curves"] if row["series"] == "fitness"]
     assert metrics["mts"] == max(fitness)
     assert len(fitness) == metrics["epochs_spent"]
+
+
+def test_the_lineage_trained_again_with_the_runs_own_seed_is_the_run(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation, "evaluation_seed", lambda params, number: params.seed)
+    params = load_params(recorded / "params.yaml")
+    chain = read_lineage(recorded / "run", params)
+    assert [link["iteration"] for link in chain] == [1, 2]
+    again = [row["fitness"] for row in evaluation.evaluate(chain, 2, params, tmp_path)]
+    curves = tables.read(recorded / "results" / "curves.parquet", tables.CURVES)
+    assert again == [fitness for _, fitness in chain_fitness(curves, chain)]
 
 
 def test_dvc_sees_metrics_and_plots(recorded):

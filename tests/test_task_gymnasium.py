@@ -3,11 +3,12 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from porse.errors import TaskError
 from porse.tasks import TASKS
-from porse.tasks.gymnasium_front import TaskVectorEnv, register_tasks
+from porse.tasks.gymnasium_front import TaskSingleEnv, TaskVectorEnv, register_tasks
 
 NAMES = sorted(TASKS)
 
@@ -30,6 +31,30 @@ def test_make_vec_gives_an_environment_that_keeps_its_spaces(name):
         assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     finally:
         env.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*(minimum|maximum) value is -?infinity.*", "ignore:.*alternative render modes.*")
+@pytest.mark.parametrize("name", NAMES)
+def test_a_single_environment_passes_gymnasiums_own_checker(name):
+    register_tasks()
+    env = gymnasium.make(f"porse/{name}-v0")
+    assert env.unwrapped.spec.id == f"porse/{name}-v0"
+    check_env(env.unwrapped, skip_close_check=True)
+    env.close()
+
+
+def test_a_single_environment_is_the_vector_one_with_one_row():
+    single, vector = TaskSingleEnv("Quadcopter", "sparse"), TaskVectorEnv("Quadcopter", 1, "sparse")
+    first, _ = single.reset(seed=4)
+    firsts, _ = vector.reset(seed=4)
+    assert np.array_equal(first, firsts[0])
+    single.action_space.seed(2)
+    for _ in range(5):
+        action = single.action_space.sample()
+        observation, reward, terminated, truncated, _ = single.step(action)
+        observations, rewards, ends, cuts, _ = vector.step(action[None])
+        assert np.array_equal(observation, observations[0])
+        assert (reward, terminated, truncated) == (rewards[0], ends[0], cuts[0])
 
 
 def test_a_seed_gives_the_same_episode_again():
@@ -66,5 +91,6 @@ def test_returned_arrays_are_not_reused():
 
 
 def test_an_unknown_reward_is_refused():
-    with pytest.raises(TaskError, match="'dense'"):
-        TaskVectorEnv("Quadcopter", 1, reward="dense")
+    for front in (TaskSingleEnv, TaskVectorEnv):
+        with pytest.raises(TaskError, match="'dense'"):
+            front("Quadcopter", reward="dense")

@@ -1,10 +1,11 @@
-"""Every task as a gymnasium vector environment: `gymnasium.make_vec("porse/Over-v0", num_envs=64, reward="human")`.
+"""Every task as a gymnasium environment: `gymnasium.make_vec("porse/Over-v0", num_envs=64, reward="human")`.
 
-Call `register_tasks` first. Ended episodes begin anew in the same step (gymnasium's SAME_STEP mode): the observation is
-the new episode's, and `infos["final_obs"]` holds the last one of the old.
+Call `register_tasks` first. Ended episodes of a vector environment begin anew in the same step (gymnasium's SAME_STEP
+mode): the observation is the new episode's, and `infos["final_obs"]` holds the last one of the old.
+`gymnasium.make("porse/Over-v0")` gives a single one, whose caller resets it.
 """
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import gymnasium
@@ -39,10 +40,7 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def __init__(
         self, task: str, num_envs: int = 1, reward: Literal["human", "sparse"] = "human", threads: int = 1
     ) -> None:
-        if reward not in ("human", "sparse"):
-            raise TaskError(
-                f"A task pays the reward 'human' or 'sparse', and {reward!r} was asked for. Name one of them."
-            )
+        _check_reward(reward)
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
         self._name, self._reward, self._threads = task, reward, threads
         self._task: Task = make_task(task, num_envs, 0, threads)
@@ -77,15 +75,48 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return task.observations().numpy(), rewards.numpy(), terminated.numpy(), truncated.numpy(), infos
 
 
+class TaskSingleEnv(gymnasium.Env[Floats, Floats]):
+    """A task with one environment as gymnasium sees it; the arguments are those of `TaskVectorEnv`."""
+
+    def __init__(self, task: str, reward: Literal["human", "sparse"] = "human") -> None:
+        _check_reward(reward)
+        self.metadata = {"render_modes": []}
+        self._name, self._reward = task, reward
+        self._task: Task = make_task(task, 1, 0)
+        limit = self._task.OBSERVATION_CLIP
+        self.observation_space = Box(-limit, limit, (self._task.NUM_OBSERVATIONS,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (self._task.NUM_ACTIONS,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Starts a new episode; with a seed, from the task's state of that seed."""
+        super().reset(seed=seed)
+        if seed is None:
+            self._task.reset(torch.ones(1, dtype=torch.bool))
+        else:
+            self._task = make_task(self._name, 1, seed)
+        return self._task.observations()[0].numpy(), {}
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Advances the environment by one control step."""
+        task = self._task
+        task.step(torch.as_tensor(np.asarray(action, dtype=np.float32))[None])
+        reward = float(task.human_reward() if self._reward == "human" else task.sparse_reward())
+        terminated = bool(task.terminated())
+        truncated = bool(task.timed_out()) and not terminated
+        return task.observations()[0].numpy(), reward, terminated, truncated, {"fitness": task.fitness()}
+
+
+def _check_reward(reward: str) -> None:
+    if reward not in ("human", "sparse"):
+        raise TaskError(f"A task pays the reward 'human' or 'sparse', and {reward!r} was asked for. Name one of them.")
+
+
 def register_tasks() -> None:
     """Registers every task with gymnasium as `porse/NAME-v0`; a second call changes nothing."""
     for name in TASKS:
         if f"porse/{name}-v0" not in gymnasium.registry:
-            gymnasium.register(id=f"porse/{name}-v0", vector_entry_point=_maker(name))
-
-
-def _maker(name: str) -> Callable[..., TaskVectorEnv]:
-    def make(num_envs: int = 1, **options: Any) -> TaskVectorEnv:
-        return TaskVectorEnv(name, num_envs, **options)
-
-    return make
+            gymnasium.register(
+                id=f"porse/{name}-v0",
+                entry_point=partial(TaskSingleEnv, name),
+                vector_entry_point=partial(TaskVectorEnv, name),
+            )

@@ -9,7 +9,9 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing.queues import SimpleQueue
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Lock
 from threading import Thread
 
 from porse.config import Params
@@ -46,14 +48,15 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
         return []
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["porse.training.server"])
-    reports: SimpleQueue[Report | None] = context.SimpleQueue()
+    receiver, sender = context.Pipe(duplex=False)
+    line = _Line(sender, context.Lock())
     with (
-        _told(reports, on_report),
+        _told(receiver, line, on_report),
         ProcessPoolExecutor(
             max_workers=max(1, min(workers(), len(jobs))),
             mp_context=context,
             initializer=_remember,
-            initargs=(reports,),
+            initargs=(line,),
             max_tasks_per_child=1,
         ) as pool,
     ):
@@ -61,12 +64,24 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
         return [future.result() for future in futures]
 
 
+@dataclass(frozen=True)
+class _Line:
+    """Where children report to. When the process that listens has died, the next report ends its child."""
+
+    sender: Connection
+    lock: Lock
+
+    def send(self, report: Report | None) -> None:
+        with self.lock:
+            self.sender.send(report)
+
+
 @contextmanager
-def _told(reports: "SimpleQueue[Report | None]", on_report: Callable[[Report], None]) -> Iterator[None]:
+def _told(receiver: Connection, line: _Line, on_report: Callable[[Report], None]) -> Iterator[None]:
     """Calls `on_report` for everything that arrives while the block runs."""
 
     def listen() -> None:
-        while (report := reports.get()) is not None:
+        while (report := receiver.recv()) is not None:
             on_report(report)
 
     listener = Thread(target=listen, daemon=True)
@@ -74,18 +89,20 @@ def _told(reports: "SimpleQueue[Report | None]", on_report: Callable[[Report], N
     try:
         yield
     finally:
-        reports.put(None)
+        line.send(None)
         listener.join()
+        receiver.close()
+        line.sender.close()
 
 
-_reports: "SimpleQueue[Report | None] | None" = None
-"""The parent's queue, in a child."""
+_line: _Line | None = None
+"""The parent's line, in a child."""
 
 
-def _remember(reports: "SimpleQueue[Report | None]") -> None:
-    global _reports
+def _remember(line: _Line) -> None:
+    global _line
     die_with_parent()
-    _reports = reports
+    _line = line
 
 
 def _run(job: Job, params: Params) -> Outcome:
@@ -94,7 +111,7 @@ def _run(job: Job, params: Params) -> Outcome:
     from porse.training.candidate import train_candidate
 
     def report(epoch: int, fitness: float) -> None:
-        if _reports is not None:
-            _reports.put(Report(job.name, epoch, fitness))
+        if _line is not None:
+            _line.send(Report(job.name, epoch, fitness))
 
     return train_candidate(job, params, report)
