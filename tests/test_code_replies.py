@@ -34,7 +34,7 @@ def test_the_corpus_is_large_enough_and_has_both_kinds_of_both():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_replies_get_their_verdicts(sandbox, task):
-    variables = sandbox.prepare({"task": task})
+    variables = sandbox.prepare({"task": task, "root": "."})
     wrong = []
     for entry in (entry for entry in INDEX if entry["task"] == task):
         reply = (REPLIES / entry["file"]).read_bytes().decode()
@@ -53,7 +53,7 @@ def test_replies_get_their_verdicts(sandbox, task):
 
 def test_the_stored_source_gets_the_same_verdict_as_the_reply(sandbox):
     """What a candidate keeps is what was judged: judging it again changes nothing, not even the source."""
-    variables = sandbox.prepare({"task": "Quadcopter"})
+    variables = sandbox.prepare({"task": "Quadcopter", "root": "."})
     entries = [entry for entry in INDEX if entry["task"] == "Quadcopter" and entry["check"] == "ok"]
     for entry in entries[::5]:
         reply = (REPLIES / entry["file"]).read_bytes().decode()
