@@ -215,6 +215,7 @@ def test_what_fails_in_a_helper_has_the_line_of_the_helper():
         "if scale > 0:\n    y = a\nelse:\n    y = a * 1\ny[0] = 0.0\nx = y[:, 0]",
         "y = a\nfor i in range(num_envs - 4):\n    y = y + 1\ny[0] = 0.0\nx = y[:, 0]",
         "y = a.contiguous()\ny.clamp_(0.0, 1.0)\nx = y[:, 0]",
+        "a[:] = 0.0\nx = a[:, 0]",
     ],
 )
 def test_changing_an_input_is_found_through_every_chain(body):
@@ -240,6 +241,30 @@ def test_changing_tensors_of_its_own_is_accepted(body):
     before = {name: states[name].clone() for name in ("a", "b")}
     compile_reward(reward(body), VARIABLES, False)(states)
     assert all(torch.equal(before[name], states[name]) for name in before)
+
+
+@pytest.mark.parametrize(
+    ("body", "slices", "expected"),
+    [
+        ("x = a[:, 1]", 0, [1.0, 4.0]),
+        ("x = a[0:, 1]", 0, [1.0, 4.0]),
+        ("x = a[:, 1:3].sum(-1)", 1, [3.0, 9.0]),
+        ("x = a[::2, 1].expand(2)", 1, [1.0, 1.0]),
+        ("x = a[1:, 1].expand(2)", 1, [4.0, 4.0]),
+        ("y = a.clone()\nz = y[:]\nz += 1.0\nx = y[:, 0]", 0, [1.0, 4.0]),
+        ("y = a[:, 0].clone()\ny[:] = 7.0\nx = y", 0, [7.0, 7.0]),
+    ],
+)
+def test_a_slice_of_everything_is_no_operator(body, slices, expected):
+    function = compile_reward(reward(body, arguments="a"), VARIABLES, False)
+    total, _ = function({"a": torch.arange(6.0).reshape(2, 3)})
+    assert total.tolist() == expected
+    assert sum(node.kind() == "aten::slice" for node in function._script.graph.nodes()) == slices
+
+
+def test_a_colon_too_many_is_an_error():
+    with pytest.raises(CodeError, match="[Dd]imension"):
+        compile_reward(reward("x = a[:, :, :][:, 0, 0]"), VARIABLES, False)(values(2))
 
 
 @pytest.mark.parametrize(

@@ -115,18 +115,33 @@ def compute_reward(q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
     r = torch.acos(q[:, 0]) + torch.acos(q[:, 1])
     return r, {"r": r}
 """
+BARE_WITH_PORTABLE_BITS = """
+def arc_cosine(x: Tensor) -> Tensor:
+    one = torch.ones(1)
+    return torch.atan2(one, torch.rsqrt(torch.addcmul(one, x, x, value=-1)) * x)
+
+def compute_reward(q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    r = arc_cosine(q[:, 0]) + arc_cosine(q[:, 1])
+    return r, {"r": r}
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="two arc cosines and nothing else cost about 1.6 times as much in the profile portable")
-def test_arc_cosines_with_nothing_beside_them_cost_at_most_15_percent_more_than_by_hand(tmp_path):
+@pytest.mark.parametrize(
+    ("portable", "written", "bound"),
+    [(False, BARE, 1.15), (True, BARE_WITH_PORTABLE_BITS, 1.15), (True, BARE, 1.5)],
+    ids=["fast", "portable", "portable against plain"],
+)
+def test_arc_cosines_with_nothing_beside_them(portable, written, bound, tmp_path):
+    """With the bits that `portable` promises, a person needs the same four operators for each (docs/decisions.md)."""
     states = values(ENVIRONMENTS)
-    ours = compile_reward(BARE, VARIABLES, True)
-    by_hand = scripted_by_hand(BARE, tmp_path)
+    states["q"] = torch.nn.functional.normalize(states["q"], dim=-1)  # inside the domain
+    ours = compile_reward(BARE, VARIABLES, portable)
+    by_hand = scripted_by_hand(written, tmp_path)
 
     def hand():
         torch._C._set_graph_executor_optimize(True)  # as it is by default
         return by_hand(states["q"])
 
     with torch.inference_mode():
-        assert quiet_ratio(hand, lambda: ours(states)) <= 1.15
+        assert quiet_ratio(hand, lambda: ours(states)) <= bound

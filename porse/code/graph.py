@@ -35,6 +35,9 @@ _PRIM = words("""
     """)
 _MAX_CALL_DEPTH = 64
 _FOLDING_ROUNDS = 3
+_LAST = 2**63 - 1
+"""The end of a slice that goes to the end, where TorchScript writes it out."""
+
 _fold_numbers: Any = torch._C._jit_pass_constant_propagation_immutable_types  # type: ignore[attr-defined]
 
 
@@ -70,7 +73,26 @@ def flatten(function: Any) -> Any:
         # Numbers, texts and their lists only: folding tensors would run operators before anything has limited them.
         _fold_numbers(graph)
         torch._C._jit_pass_peephole(graph, False)
+    _drop_whole_slices(graph)
     return graph
+
+
+def _drop_whole_slices(graph: Any) -> None:
+    """Takes `x` for `x[:]`, so that a column, `x[:, 3]`, is one operator and not two: nearly every function has some.
+
+    Along the first dimension only, which every tensor that is sliced has; a colon too many elsewhere stays an error.
+    """
+    for node in list(nodes(graph)):
+        if node.kind() != "aten::slice" or node.outputsSize() != 1:
+            continue
+        whole, *bounds = list(node.inputs())
+        if not whole.type().isSubtypeOf(torch._C.TensorType.get()):
+            continue
+        if all(value.node().kind() == "prim::Constant" for value in bounds):
+            dim, start, end, step = (value.toIValue() for value in bounds)
+            if dim == 0 and start in (None, 0) and end in (None, _LAST) and step == 1:
+                node.output().replaceAllUsesWith(whole)
+                node.destroy()
 
 
 def _check_operators(graph: Any) -> None:

@@ -116,7 +116,8 @@ def _tangent_of_asin(to: _Builder, x: Any) -> Any:
 
 
 def _acos(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", to.constant(_ONE), _tangent_of_asin(to, x))
+    tangent = _tangent_of_asin(to, x)
+    return to.op("atan2", to.constant(_ONE), tangent, tangent)  # into the tangent, which nothing else reads
 
 
 def _asin(to: _Builder, x: Any) -> Any:

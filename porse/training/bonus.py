@@ -26,7 +26,22 @@ class Bonus(Protocol):
         ...
 
 
-class MappingBonus:
+class _CountBonus:
+    """What bonuses that count have in common: what they remember is their counts."""
+
+    def __init__(self, counts: VisitCounts | SumCounts | SimHashCounts) -> None:
+        self._counts = counts
+
+    def state(self) -> dict[str, Tensor]:
+        """Returns the counts."""
+        return self._counts.state()
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Goes on from `state()`."""
+        self._counts.load_state(state)
+
+
+class MappingBonus(_CountBonus):
     """Counts the cells of a generated mapping.
 
     Args:
@@ -35,21 +50,17 @@ class MappingBonus:
     """
 
     def __init__(self, mapping: MappingFunction, visits: VisitCounts | SumCounts) -> None:
-        self._mapping, self._visits = mapping, visits
-        self.state, self.load_state = visits.state, visits.load_state
+        super().__init__(visits)
+        self._mapping = mapping
 
     def pay(self, variables: Mapping[str, Any]) -> tuple[Tensor, Mapping[str, Tensor]]:
         """Returns the bonus for one step, and the progress variables."""
         progress, _, names = self._mapping(variables)
-        return self._visits.bonus(torch.stack(list(progress), dim=1)), dict(zip(names, progress, strict=True))
+        return self._counts.bonus(torch.stack(list(progress), dim=1)), dict(zip(names, progress, strict=True))
 
 
-class SimHashBonus:
+class SimHashBonus(_CountBonus):
     """Counts the SimHashes of the whole observation, which knows nothing of the task's goal."""
-
-    def __init__(self, counts: SimHashCounts) -> None:
-        self._counts = counts
-        self.state, self.load_state = counts.state, counts.load_state
 
     def pay(self, variables: Mapping[str, Any]) -> tuple[Tensor, Mapping[str, Tensor]]:
         """Returns the bonus for one step; there are no progress variables."""
