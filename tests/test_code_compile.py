@@ -263,7 +263,7 @@ def test_a_slice_of_everything_is_no_operator(body, slices, expected):
 
 
 def test_a_colon_too_many_is_an_error():
-    with pytest.raises(CodeError, match="[Dd]imension"):
+    with pytest.raises(CodeError, match=r"[Dd]imension"):
         compile_reward(reward("x = a[:, :, :][:, 0, 0]"), VARIABLES, False)(values(2))
 
 

@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from porse.exploration.bins import Growth, ProgressBins
-from porse.exploration.bonus import pay_finite, rarity
+from porse.exploration.bins import Growth
+from porse.exploration.counts import ProgressCounts
 
 _BUFFERED_STEPS = 256
 """Steps in the buffer at least, before it is folded into the table."""
@@ -27,7 +27,7 @@ def bins_per_summand(cells: int, variables: int) -> int:
     return (cells - 1) // variables + 1
 
 
-class SumCounts:
+class SumCounts(ProgressCounts):
     """Counts the visits of one candidate's sums of bins, and pays the bonus.
 
     Args:
@@ -40,37 +40,22 @@ class SumCounts:
     """
 
     def __init__(self, rises: Sequence[bool], cells: int, scale: float) -> None:
-        self.space = ProgressBins(rises, bins_per_summand(cells, len(rises)))
-        self._scale = scale
+        super().__init__(rises, bins_per_summand(cells, len(rises)), scale)
         self.counts = torch.zeros(len(rises) * (self.space.bins - 1) + 1, dtype=torch.int64)
         self._joint = torch.zeros(0, dtype=torch.int64)
         self._visits = torch.zeros(0, dtype=torch.int64)
         self._buffer: list[Tensor] = []
         self._buffered = 0
 
-    def bonus(self, progress: Tensor) -> Tensor:
-        """Counts one step of all environments and returns their bonus.
-
-        Args:
-            progress: (num_envs, variables), the progress variables after the step. An environment with a value that is
-                not finite is not counted.
-
-        Returns:
-            (num_envs,) float32, in (0, lambda]; 0 where a value is not finite.
-        """
-        return pay_finite(self.space.turn(progress), self._pay)
-
-    def _pay(self, turned: Tensor) -> Tensor:
-        for growth in self.space.include(turned):
-            self._merge(growth)
-        indices = self.space.indices(turned)
+    def _count(self, indices: Tensor) -> Tensor:
+        """Returns the visits of each state's sum of bins."""
         self._buffer.append(self.space.encode(indices))
         self._buffered += len(indices)
         if len(self._buffer) >= _BUFFERED_STEPS and self._buffered >= len(self._joint):
             self._fold()
         sums = indices.sum(dim=1)
         self.counts += torch.bincount(sums, minlength=len(self.counts))
-        return rarity(self.counts[sums], self._scale)
+        return self.counts[sums]
 
     def _fold(self) -> None:
         """Folds the buffer into the table of joint cells."""

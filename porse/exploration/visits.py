@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from porse.exploration.bins import Growth, ProgressBins
-from porse.exploration.bonus import pay_finite, rarity
+from porse.exploration.bins import Growth
+from porse.exploration.counts import ProgressCounts
 
 
 def bins_per_variable(cells: int, variables: int) -> int:
@@ -23,7 +23,7 @@ def bins_per_variable(cells: int, variables: int) -> int:
     return bins
 
 
-class VisitCounts:
+class VisitCounts(ProgressCounts):
     """Counts the visits of one candidate's cells, and pays the bonus.
 
     Args:
@@ -33,28 +33,14 @@ class VisitCounts:
     """
 
     def __init__(self, rises: Sequence[bool], cells: int, scale: float) -> None:
-        self.space = ProgressBins(rises, bins_per_variable(cells, len(rises)))
-        self._scale = scale
+        super().__init__(rises, bins_per_variable(cells, len(rises)), scale)
         self.counts = torch.zeros(self.space.bins ** len(rises), dtype=torch.int64)
 
-    def bonus(self, progress: Tensor) -> Tensor:
-        """Counts one step of all environments and returns their bonus.
-
-        Args:
-            progress: (num_envs, variables), the progress variables after the step. An environment with a value that is
-                not finite is not counted.
-
-        Returns:
-            (num_envs,) float32, in (0, lambda]; 0 where a value is not finite.
-        """
-        return pay_finite(self.space.turn(progress), self._pay)
-
-    def _pay(self, turned: Tensor) -> Tensor:
-        for growth in self.space.include(turned):
-            self._merge(growth)
-        cells = self.space.encode(self.space.indices(turned))
+    def _count(self, indices: Tensor) -> Tensor:
+        """Returns the visits of each state's cell."""
+        cells = self.space.encode(indices)
         self.counts += torch.bincount(cells, minlength=len(self.counts))
-        return rarity(self.counts[cells], self._scale)
+        return self.counts[cells]
 
     def _merge(self, growth: Growth) -> None:
         """Merges the counts of cells that are one cell after a range has grown."""

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from porse.code.compile import MappingFunction
-from porse.exploration import SimHashCounts, SumCounts, VisitCounts
+from porse.exploration import ProgressCounts, SimHashCounts
 
 
 class Bonus(Protocol):
@@ -29,7 +29,7 @@ class Bonus(Protocol):
 class _CountBonus:
     """What bonuses that count have in common: what they remember is their counts."""
 
-    def __init__(self, counts: VisitCounts | SumCounts | SimHashCounts) -> None:
+    def __init__(self, counts: ProgressCounts | SimHashCounts) -> None:
         self._counts = counts
 
     def state(self) -> dict[str, Tensor]:
@@ -49,7 +49,7 @@ class MappingBonus(_CountBonus):
         visits: the counts over the outputs of `mapping`.
     """
 
-    def __init__(self, mapping: MappingFunction, visits: VisitCounts | SumCounts) -> None:
+    def __init__(self, mapping: MappingFunction, visits: ProgressCounts) -> None:
         super().__init__(visits)
         self._mapping = mapping
 

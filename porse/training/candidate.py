@@ -47,5 +47,5 @@ def _bonus(job: Job, task: Task, params: Params) -> Bonus:
     mapping = compile_mapping(job.mapping_source, task.VARIABLES, params.numerics == "portable")
     # One call tells the directions: they are the mapping's output, and constant.
     _, rises, _ = mapping(task.variables())
-    visits: type[VisitCounts | SumCounts] = SumCounts if exploration.discretiser == "sum" else VisitCounts
+    visits = SumCounts if exploration.discretiser == "sum" else VisitCounts
     return MappingBonus(mapping, visits(rises, exploration.cells, exploration.lambda_))
