@@ -59,7 +59,9 @@ def show_tables() -> None:
 
 
 @main.command("schedule")
-@click.option("--params", "path", default="params.yaml", show_default=True, type=click.Path(path_type=Path))
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
 def show_schedule(path: Path) -> None:
     """Print what each rung of each iteration costs, in epochs."""
     params = load_params(path)
@@ -81,7 +83,9 @@ def show_methods() -> None:
 
 
 @main.command("results")
-@click.option("--metrics", "path", default="metrics.json", show_default=True, type=click.Path(path_type=Path))
+@click.option(
+    "--metrics", "path", default="metrics.json", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
 def show_results(path: Path) -> None:
     """Print MTS by iteration from a run's metrics, as Markdown."""
     try:

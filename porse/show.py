@@ -13,7 +13,9 @@ from porse.errors import PorseError
 
 @click.command()
 @click.argument("task")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="A .png, or a .gif of random actions.")
+@click.option(
+    "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="A .png, or a .gif of random actions."
+)
 @click.option("--seconds", default=2.0, show_default=True, help="Length of a .gif.")
 def render(task: str, out: Path, seconds: float) -> None:
     """Draw TASK at an episode's start, or moving under random actions."""
@@ -34,9 +36,17 @@ def render(task: str, out: Path, seconds: float) -> None:
 
 @click.command()
 @click.argument("task")
-@click.option("--checkpoint", type=click.Path(path_type=Path), help="A policy or checkpoint (.safetensors) of a run.")
-@click.option("--params", "path", default="params.yaml", show_default=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Write a .gif instead of opening the viewer.")
+@click.option(
+    "--checkpoint",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="A policy or checkpoint (.safetensors) of a run.",
+)
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
+@click.option(
+    "--out", type=click.Path(dir_okay=False, path_type=Path), help="Write a .gif instead of opening the viewer."
+)
 @click.option("--seconds", default=10.0, show_default=True)
 def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, seconds: float) -> None:
     """Show a policy, or random actions, on TASK: in the viewer, or as a .gif where there is no display."""

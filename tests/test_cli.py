@@ -37,6 +37,24 @@ def test_every_command_is_in_the_readme(root, name):
     assert f"porse {' '.join(name)}" in (root / "README.md").read_text()
 
 
+PATHS = [
+    (name, parameter)
+    for name, command in ALL.items()
+    for parameter in command.params
+    if isinstance(parameter.type, click.Path) and (name, parameter.name) != (("llm", "import"), "source")
+]
+"""Every path that is given to a command; only the answers to import may be a file or a folder."""
+
+
+@pytest.mark.parametrize(("name", "parameter"), PATHS, ids=lambda value: getattr(value, "name", None))
+def test_a_path_is_a_file_or_a_folder_and_the_other_one_is_refused(tmp_path, name, parameter):
+    file = tmp_path / "file"
+    file.touch()
+    wrong = tmp_path if parameter.type.file_okay else file
+    with pytest.raises(click.BadParameter, match=f"{wrong}' is a (file|directory)"):
+        parameter.type.convert(str(wrong), parameter, None)
+
+
 def test_the_schedule_ends_with_the_sum(root):
     lines = porse("schedule", "--params", str(root / "params.yaml")).output.splitlines()
     # 5 iterations x 36 H epochs, H = 15

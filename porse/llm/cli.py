@@ -149,7 +149,7 @@ def diff(cache_dir: Path, key: str, other: str) -> None:
 @click.option(
     "--params",
     "params_path",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, dir_okay=False),
     default=Path("params.yaml"),
     show_default=True,
     help="File with the llm section.",

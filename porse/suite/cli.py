@@ -11,7 +11,7 @@ from porse.suite.plan import load_suite
 from porse.suite.run import run_suite
 from porse.suite.status import rows, status_text, suite_status, summary
 
-FILE = click.argument("file", type=click.Path(path_type=Path))
+FILE = click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 
 
 @click.group()
