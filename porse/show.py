@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
-from porse.config import load_params
+from porse.config import Params, load_params
 from porse.errors import PorseError
+from porse.pool import BEST, policy_file
 
 
 @click.command()
@@ -38,8 +39,8 @@ def render(task: str, out: Path, seconds: float) -> None:
 @click.argument("task")
 @click.option(
     "--checkpoint",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="A policy or checkpoint (.safetensors) of a run.",
+    type=click.Path(path_type=Path),
+    help="The folder of a run, whose last winner is shown, or one policy or checkpoint of it (.safetensors).",
 )
 @click.option(
     "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
@@ -57,13 +58,21 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
     from porse.tasks import make_task
 
     shown = make_task(task, 1, SEED)
-    actor = policy_actor(shown, checkpoint, load_params(path)) if checkpoint else random_actor(shown)
+    actor = random_actor(shown)
+    if checkpoint:
+        params = load_params(path)
+        actor = policy_actor(shown, _winners(checkpoint, params) if checkpoint.is_dir() else checkpoint, params)
     if in_viewer:
         view(shown, actor, seconds)
         return
     target = out or Path(f"{shown.NAME}.gif")
     write_gif(target, shown, actor, seconds)
     click.echo(f"{target}: {shown.NAME}, {seconds:g} s")
+
+
+def _winners(run: Path, params: Params) -> Path:
+    """Returns the file of the policy that a run ended with."""
+    return policy_file(run / str(params.iterations[-1].next) / "start", BEST)
 
 
 def _has_display() -> bool:

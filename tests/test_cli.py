@@ -41,9 +41,10 @@ PATHS = [
     (name, parameter)
     for name, command in ALL.items()
     for parameter in command.params
-    if isinstance(parameter.type, click.Path) and (name, parameter.name) != (("llm", "import"), "source")
+    if isinstance(parameter.type, click.Path)
+    and f"{name[-1]} {parameter.name}" not in ("import source", "play checkpoint")
 ]
-"""Every path that is given to a command; only the answers to import may be a file or a folder."""
+"""Every path that is given to a command; only answers to import, and what to play, may be a file or a folder."""
 
 
 @pytest.mark.parametrize(("name", "parameter"), PATHS, ids=lambda value: getattr(value, "name", None))

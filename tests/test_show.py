@@ -14,6 +14,7 @@ import pytest
 from porse import show
 from porse.checkpoint import write_checkpoint
 from porse.errors import PorseError
+from porse.pool import BEST, policy_file
 from porse.training.start import random_policy
 
 RUN = """
@@ -34,6 +35,7 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
     """Returns a folder and, for each file written into it, the exit code and the output of its command."""
     folder = tmp_path_factory.mktemp("shown")
     write_checkpoint(folder / "policy.safetensors", random_policy(params, 1))
+    write_checkpoint(policy_file(folder / "run" / "result" / "start", BEST), random_policy(params, 1))
     policy = ["--checkpoint", "policy.safetensors", "--params", str(root / "params.yaml"), "--seconds", "0.4"]
     commands = {
         "over.png": ["render", "Over", "--out", "over.png"],
@@ -42,6 +44,8 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
         "Quadcopter.gif": ["play", "Quadcopter", *policy],
         "pen.gif": ["play", "Pen", "--out", "pen.gif", "--seconds", "0.2"],
         "pen_by_policy.gif": ["play", "Pen", "--out", "pen_by_policy.gif", *policy],
+        "of_run.gif": ["play", "Quadcopter", "--out", "of_run.gif", "--checkpoint", "run", *policy[2:]],
+        "of_no_run.gif": ["play", "Quadcopter", "--out", "of_no_run.gif", "--checkpoint", ".", *policy[2:]],
         "pen.webp": ["render", "Pen", "--out", "pen.webp"],
         "nothing.png": ["render", "Penn", "--out", "nothing.png"],
     }
@@ -95,6 +99,15 @@ def test_play_follows_the_policy(shown):
     by_policy, at_random = (imageio.imread(folder / name) for name in ("Quadcopter.gif", "quadcopter.gif"))
     assert np.array_equal(by_policy[0], at_random[0])
     assert not np.array_equal(by_policy[-1], at_random[-1])
+
+
+@drawn
+def test_of_a_run_play_shows_the_policy_that_it_ended_with(shown):
+    folder, results = shown
+    assert (folder / "of_run.gif").read_bytes() == (folder / "Quadcopter.gif").read_bytes()
+    code, said = results["of_no_run.gif"]
+    assert code == 1
+    assert "expected a checkpoint at result/start/policies/best.safetensors, found no such file" in said
 
 
 @drawn
