@@ -126,22 +126,31 @@ def compute_reward(q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("portable", "written", "bound"),
-    [(False, BARE, 1.15), (True, BARE_WITH_PORTABLE_BITS, 1.15), (True, BARE, 1.75)],
-    ids=["fast", "portable", "portable against plain"],
-)
-def test_arc_cosines_with_nothing_beside_them(portable, written, bound, tmp_path):
-    """With the bits that `portable` promises, a person needs the same four operators for each (docs/decisions.md)."""
+def ratio_of_bare_arc_cosines(portable, written, folder):
+    """Returns how many times longer BARE takes than the source `written`, scripted by hand."""
     states = values(ENVIRONMENTS)
     states["q"] = torch.nn.functional.normalize(states["q"], dim=-1)  # inside the domain
     ours = compile_reward(BARE, VARIABLES, portable)
-    by_hand = scripted_by_hand(written, tmp_path)
+    by_hand = scripted_by_hand(written, folder)
 
     def hand():
         torch._C._set_graph_executor_optimize(True)  # as it is by default
         return by_hand(states["q"])
 
     with torch.inference_mode():
-        assert quiet_ratio(hand, lambda: ours(states)) <= bound
+        return quiet_ratio(hand, lambda: ours(states))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("portable", "written"), [(False, BARE), (True, BARE_WITH_PORTABLE_BITS)], ids=["fast", "portable"]
+)
+def test_bare_arc_cosines_cost_at_most_15_percent_more_than_the_same_bits_by_hand(portable, written, tmp_path):
+    assert ratio_of_bare_arc_cosines(portable, written, tmp_path) <= 1.15
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason="two arc cosines and nothing else cost about 1.6 times as much in the profile portable")
+def test_bare_arc_cosines_in_portable_cost_at_most_15_percent_more_than_plain_ones_by_hand(tmp_path):
+    """Each is four operators, and torch has no way to fewer (docs/decisions.md)."""
+    assert ratio_of_bare_arc_cosines(True, BARE, tmp_path) <= 1.15

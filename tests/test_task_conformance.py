@@ -3,8 +3,10 @@
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import mujoco
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
@@ -20,6 +22,24 @@ FIXED_STARTS = {
     "GraspAndPlace", "Kettle", "LiftUnderarm", "Pen", "PushBlock", "Scissors", "SwingCup", "Switch", "SwitchReachable",
 }  # fmt: skip
 """Tasks whose originals start every episode in one state."""
+
+CONSTANT = {
+    # Where the object shall go, or is thrown to: one place for all episodes.
+    "Over": [*range(387, 390)],
+    "CatchAbreast": [*range(411, 414)],
+    "CatchOver2Underarm": [*range(411, 414)],
+    "CatchUnderarm": [*range(411, 414)],
+    "TwoCatchUnderarm": [*range(411, 414), *range(435, 438)],
+    "ReOrientation": [*range(387, 390), *range(411, 414)],
+    # Pose and velocities of an object's root that stands fast.
+    **{key: [*range(398, 411)] for key in ["DoorCloseInward", "DoorCloseOutward", "DoorOpenInward", "DoorOpenOutward"]},
+    **{key: [*range(398, 411)] for key in ["Switch", "SwitchReachable"]},
+    # Zeros at the end; in PushBlock the two goals before them.
+    "BlockStack": [*range(424, 428)],
+    "BottleCap": [*range(420, 422)],
+    "PushBlock": [*range(417, 428)],
+}
+"""Observation entries that never change in the originals either."""
 
 CONTINUE = """
 import sys
@@ -85,6 +105,49 @@ def test_the_same_seed_gives_the_same_trajectory_at_any_thread_count(name: str) 
     for key, value in one.state().items():
         assert torch.equal(value, two.state()[key]), key
     assert torch.equal(one.observations(), two.observations())
+
+
+@pytest.fixture
+def said() -> Iterator[list[str]]:
+    """Returns a list that MuJoCo's warnings are written to."""
+    before, found = mujoco.get_mju_user_warning(), []
+    mujoco.set_mju_user_warning(found.append)
+    yield found
+    mujoco.set_mju_user_warning(before)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_thousand_random_steps_give_no_warning_and_change_every_observation(name: str, said: list[str]) -> None:
+    """But for the entries that are constant in the originals. Warnings of Python fail every test."""
+    task = make_task(name, ENVS, seed=6)
+    low = high = task.observations()
+    for step in range(50):
+        play(task, 20, seed=step)
+        seen = task.observations()
+        low, high = torch.minimum(low, seen), torch.maximum(high, seen)
+    assert said == []
+    assert task.blown_up == 0
+    still = low.min(dim=0).values == high.max(dim=0).values
+    assert still.nonzero().flatten().tolist() == CONSTANT.get(name, [])
+
+
+def test_a_bad_state_is_a_warning(said: list[str]) -> None:
+    """What the test above would see."""
+    task = make_task("Over", ENVS, seed=1)
+    task._physics.qvel[2, 0] = float("nan")
+    task.step(torch.zeros(ENVS, task.NUM_ACTIONS))
+    assert len(said) == 1
+    assert "unstable" in said[0]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_starts_are_spread_unless_the_original_has_one(name: str) -> None:
+    """Among 16 environments no two start alike, or all do; and so do episodes that follow one another."""
+    task = make_task(name, 16, seed=9)
+    first = task.state()["physics"]
+    task.reset(torch.ones(16, dtype=torch.bool))
+    starts = torch.cat([first, task.state()["physics"]])
+    assert len(torch.unique(starts, dim=0)) == (1 if name in FIXED_STARTS else 32)
 
 
 @pytest.fixture(scope="module")
