@@ -4,7 +4,9 @@ import email.utils
 import logging
 import time
 from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,6 +23,7 @@ from tests.llm_server import (
     ChatServer,
     completion,
     failing,
+    good,
     half_a_body,
     raw,
     replying,
@@ -176,7 +179,7 @@ def test_refused_at_once(
 
 def test_retry_after_is_honoured(server: ChatServer, store: Store) -> None:
     record(server, store, failing(429, headers={"Retry-After": "0.7"}))
-    assert 0.7 <= server.times[1] - server.times[0] < 2
+    assert 0.7 <= server.times[1] - server.times[0] < 5
 
 
 def test_a_date_to_retry_after_is_honoured() -> None:
@@ -198,7 +201,7 @@ def test_a_wait_beyond_the_stage_is_not_begun(
     monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "5")
     started = time.monotonic()
     assert "asks to wait 86400 s" in refused(server, store, failing(429, headers={"Retry-After": "86400"}))
-    assert time.monotonic() - started < 2
+    assert time.monotonic() - started < 5
 
 
 def test_back_off_doubles_up_to_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,16 +211,17 @@ def test_back_off_doubles_up_to_a_minute(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_slow_headers_end_at_the_time_out(server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PORSE_LLM_TIMEOUT_S", "0.4")
+    started = time.monotonic()
     (reply,) = record(server, store, slow_headers)
     assert reply.text == TEXT
-    assert 0.4 <= server.times[1] - server.times[0] < 2
+    assert 0.4 <= server.times[1] - started < 4  # whoever waits for all headers waits 5 s
 
 
 def test_the_time_of_the_stage_is_limited(server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "1.5")
+    monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "1.9")
     monkeypatch.setenv("PORSE_LLM_CONCURRENCY", "1")
     server.delay_s = 1.0
-    with pytest.raises(ProviderError, match=r"found 4 failures: .*the 1\.5 s of the stage are over"):
+    with pytest.raises(ProviderError, match=r"found 4 failures: .*the 1\.9 s of the stage are over"):
         record(server, store, count=5)
     assert len(list(store.all_keys())) == 1
     server.delay_s = 0
@@ -276,8 +280,13 @@ def test_a_failed_repair_keeps_what_is_paid_for(server: ChatServer, store: Store
     assert [sent["body"]["max_tokens"] for sent in server.requests] == [100, 200, 200]
 
 
+def cut_off_at_100(handler: BaseHTTPRequestHandler, body: dict[str, Any]) -> None:
+    """Cuts a reply of at most 100 tokens off, whichever of several requests arrives first."""
+    (replying("cut", "length") if body["max_tokens"] <= 100 else good)(handler, body)
+
+
 def test_one_request_may_be_the_repair_of_another(server: ChatServer, store: Store) -> None:
-    server.script = [replying("cut", "length")]
+    server.script = [cut_off_at_100] * 3
     both = [*questions(1), *questions(1, max_tokens=200)]
     one, two = ask(both, params(server.url), store.cache_dir)
     assert one.key == two.key
