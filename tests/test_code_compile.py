@@ -8,9 +8,12 @@ import torch
 
 from code_cases import VARIABLES, reward, values
 from porse.code.check import check_program
-from porse.code.compile import compile_mapping, compile_reward, plain_name
+from porse.code.compile import compile_mapping, compile_reward
 from porse.code.emit import emit
+from porse.code.graph import has_fixed_shapes
+from porse.code.names import plain_name
 from porse.code.program import parse_program
+from porse.code.script import script
 from porse.code.verdict import CodeError
 
 BOTH = pytest.mark.parametrize("portable", [False, True])
@@ -268,6 +271,95 @@ def test_a_colon_too_many_is_an_error():
 
 
 @pytest.mark.parametrize(
+    ("body", "fixed"),
+    [
+        ("x = a[:, 0] if a.shape[0] > 3 else b[:, 0]", True),
+        ("x = torch.zeros_like(a[:, 0])\nfor v in [a[:, 0], b[:, 1]]:\n    x = x + v", True),
+        ("x = torch.topk(a, 2)[0][:, 0] * len(a)", True),
+        ("x = a[:, 0] if bool(a.mean() > 0) else b[:, 0]", False),
+        ("x = a[:, 0] * a.mean().item()", False),
+        ("x = a[:, 0] if [a] == [b] else b[:, 0]", False),
+        ("x = a[:, 0][a[:, 0] > 0]", False),
+        ("x = a[:, [0, 1]].sum(-1)", False),
+        ("x = torch.where(a[:, 0] > 0)[0]", False),
+    ],
+)
+def test_shapes_are_fixed_where_no_number_of_a_tensor_decides(body, fixed):
+    graph = script(reward(body), {variable.name: variable for variable in VARIABLES}).graph
+    assert has_fixed_shapes(graph) is fixed
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "body",
+    [
+        "x = a[:, 0]\nif bool(b.sum() > 0):\n    x = x[:1]",
+        "x = a[:, 0][b[:, 0] > -9]\nif bool(b.sum() > 0):\n    x = x[:1]",
+    ],
+)
+def test_a_shape_that_changes_with_the_numbers_is_found_in_a_later_call(body, portable):
+    function = compile_reward(reward(body), VARIABLES, portable)
+    low, high = (values() | {"b": torch.full((16, 3), value)} for value in (-1.0, 1.0))
+    for _ in range(3):
+        assert function(low)[0].shape == (16,)
+    with pytest.raises(CodeError, match="expected the component x of shape"):
+        function(high)
+    assert function(low)[0].shape == (16,)
+
+
+@BOTH
+def test_components_that_come_and_go_are_seen(portable):
+    body = "x = a[:, 0]\nc = {'x': x}\nif bool(b.sum() > 0):\n    c['far away'] = x > 0"
+    function = compile_reward(reward(body, result="x, c"), VARIABLES, portable)
+    low, high = (values() | {"b": torch.full((16, 3), value)} for value in (-1.0, 1.0))
+    for states, names in (
+        (low, ["x"]),
+        (low, ["x"]),
+        (high, ["x", "far_away"]),
+        (low, ["x"]),
+        (high, ["x", "far_away"]),
+    ):
+        _, components = function(states)
+        assert list(components) == names
+        assert {value.dtype for value in components.values()} == {torch.float32}
+
+
+@BOTH
+def test_another_number_of_environments_is_looked_at_again(portable):
+    constant = compile_reward(reward("x = torch.ones(4)\ny = a[:, 0]"), VARIABLES, portable)
+    assert constant(values(4))[0].shape == constant(values(4))[0].shape == (4,)
+    with pytest.raises(CodeError, match=r"expected the component x of shape \(num_envs,\), found \(4,\)"):
+        constant(values(5))
+
+
+@BOTH
+def test_every_call_returns_the_plain_form_and_not_the_first_alone(portable):
+    source = reward("d = a[:, 0]", result='(d > 0), {"mean distance (m)": d.mean(), "near": d < 0.5, "d": d}')
+    function = compile_reward(source, VARIABLES, portable)
+    states = values()
+    for _ in range(3):
+        total, components = function(states)
+        assert list(components) == ["mean_distance_m", "near", "d"]
+        assert {(value.dtype, value.shape) for value in (total, *components.values())} == {(torch.float32, (16,))}
+        assert torch.equal(components["mean_distance_m"], states["a"][:, 0].mean().expand(16))
+    mapping = compile_mapping(
+        "def mapping_function(a):\n    return a[:, 0] > 0, True, 'in front'\n", VARIABLES, portable
+    )
+    for _ in range(3):
+        progress, rises, names = mapping(states)
+        assert (rises, names) == ([True], ["in_front"])
+        assert torch.equal(progress[0], (states["a"][:, 0] > 0).float())
+
+
+def test_names_that_are_read_again_or_would_be_one_stay_until_the_end():
+    read = reward("x = a[:, 0]\nc = {'far away': x}\nx = x + c['far away']", result="x, c")
+    assert list(compile_reward(read, VARIABLES, False)(values())[1]) == ["far_away"]
+    one = compile_reward(reward("x = a[:, 0]", result='x, {"a b": x, "a_b": x}'), VARIABLES, False)
+    with pytest.raises(CodeError, match="distinct names, found a b, a_b"):
+        one(values())
+
+
+@pytest.mark.parametrize(
     ("name", "plain"),
     [
         ("near", "near"),
@@ -275,6 +367,7 @@ def test_a_colon_too_many_is_an_error():
         ("  a--b ", "a_b"),
         ("é", "unnamed"),
         ("x" * 99, "x" * 64),
+        ("x" * 63 + " y", "x" * 63),
     ],
 )
 def test_names_become_plain(name, plain):

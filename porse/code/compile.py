@@ -1,30 +1,32 @@
 """Generated functions that can be called: thin typed wrappers that say what came back wrong."""
 
-import copy
-import re
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from operator import itemgetter
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 import torch
 from torch import Tensor
 
 from porse.code.bounds import forced_graphs
-from porse.code.contract import MAX_COMPONENTS, MAX_NAME_CHARACTERS, MAX_NAMES
+from porse.code.contract import MAX_COMPONENTS, MAX_NAMES
+from porse.code.graph import has_fixed_shapes
+from porse.code.names import plain_name
 from porse.code.numbers import hold_numbers
 from porse.code.portable import make_portable
+from porse.code.reuse import reuse_memory
 from porse.code.script import Script, script, translate
 from porse.code.verdict import CodeError
 from porse.variables import Variable
 
-# Attributes of modules, looked up once: a call of a function takes some ten microseconds.
-_FLOAT32 = torch.float32
+Results = TypeVar("Results")
+
+# Looked up once: a call of a function takes some ten microseconds.
 _set_optimiser = torch._C._set_graph_executor_optimize
 
 
-class _Function:
+class _Function(ABC, Generic[Results]):
     """A compiled function and the task variables that it takes.
 
     Attributes:
@@ -40,28 +42,56 @@ class _Function:
         self._variables = variables
         self._tensor = next((name for name in self.arguments if variables[name].kind == "tensor"), "")
         self._run = compiled.callable()
-        self._pick = itemgetter(*self.arguments) if len(self.arguments) > 1 else None
+        self._fixed = has_fixed_shapes(compiled.graph)
+        self._pick: Callable[[Mapping[str, Any]], Any] = itemgetter(*self.arguments) if self.arguments else _nothing
+        self._takes_one = len(self.arguments) == 1
+        self._seen_for = -1
+        """For how many environments results are known to be right: to look at each costs as much as a short function."""
+        self._is_plain = False
+        """Whether those results come in their plain form."""
 
     def portable(self) -> Self:
         """Returns the same function with the operators replaced whose bits depend on the CPU's vendor."""
         graph = self._script.graph.copy()
         make_portable(graph)
         hold_numbers(graph)
-        twin = copy.copy(self)
-        twin._script = replace(self._script, graph=graph)
-        twin._run = twin._script.callable()
-        return twin
+        reuse_memory(graph)
+        return type(self)(replace(self._script, graph=graph), self._variables)
 
-    def _call(self, variables: Mapping[str, Any]) -> Any:
+    def __call__(self, variables: Mapping[str, Any]) -> Results:
+        """Returns what the function returns, in its plain form.
+
+        Args:
+            variables: the task's variables by name; those of `arguments` are read.
+
+        Raises:
+            CodeError: the function fails on these values, or returns something else.
+        """
         # Without its optimiser TorchScript runs the graph as it stands, so the first call and every later one give the
         # same bits. The switch belongs to the whole process, so it is set here and not once.
         _set_optimiser(False)
         try:
-            if self._pick is None:
-                return self._run(*[variables[name] for name in self.arguments])
-            return self._run(*self._pick(variables))
+            picked = self._pick(variables)
+            result = self._run(picked) if self._takes_one else self._run(*picked)
         except Exception as error:  # whatever TorchScript raises, the function has failed
             raise translate(error, self._script.lines, "run") from None
+        num_envs = variables[self._tensor].shape[0] if self._tensor else 0
+        if num_envs != self._seen_for:
+            return self._look(result, num_envs)
+        return result if self._is_plain else self._plain(result, num_envs)
+
+    @abstractmethod
+    def _look(self, result: Any, num_envs: int) -> Results:
+        """Returns a result in its plain form, or says what is wrong with it; settles whether to look again."""
+
+    @abstractmethod
+    def _plain(self, result: Any, num_envs: int) -> Results:
+        """Returns a result of the right kinds in its plain form."""
+
+    def _settle(self, num_envs: int, is_plain: bool) -> None:
+        """Notes that a result was right; where shapes do not follow numbers, so will those of as many environments be."""
+        self._seen_for = num_envs if self._fixed else -1
+        self._is_plain = is_plain
 
     def run_branches(self, variables: Mapping[str, Any]) -> None:
         """Runs every side of every branch once, whatever the data say: only time and memory are of interest.
@@ -87,71 +117,68 @@ class _Function:
             if name in self.arguments
         }
 
-    def _per_env(self, what: str, value: Any, num_envs: int) -> Tensor:
-        """Returns `value` as float32 of shape (num_envs,)."""
+    def _check_tensor(self, value: Any, *what: str) -> None:
         if not isinstance(value, Tensor):
-            raise CodeError("return", f"expected {what} to be a tensor, found {_kind(value)}", self.line)
-        if value.dtype != torch.float32:
-            value = value.to(torch.float32)
-        if value.dim() == 1 and value.shape[0] == num_envs:
-            return value
-        found = f"expected {what} of shape (num_envs,), found {_shape(value, num_envs)} for num_envs = {num_envs}"
-        raise CodeError("shape", f"{found}; reduce the other dimensions, and take sizes from the inputs", self.line)
+            raise CodeError("return", f"expected the {' '.join(what)} to be a tensor, found {_kind(value)}", self.line)
+
+    def _check_vector(self, num_envs: int, value: Tensor, *what: str) -> None:
+        if value.dim() != 1 or value.shape[0] != num_envs:
+            shape = _shape(value, num_envs)
+            found = f"expected the {' '.join(what)} of shape (num_envs,), found {shape} for num_envs = {num_envs}"
+            raise CodeError("shape", f"{found}; reduce the other dimensions, and take sizes from the inputs", self.line)
 
 
-class RewardFunction(_Function):
-    """A compiled goal reward."""
+class RewardFunction(_Function[tuple[Tensor, dict[str, Tensor]]]):
+    """A compiled goal reward: the total, (num_envs,), and each component, (num_envs,), by name, all float32."""
 
     def __init__(self, compiled: Script, variables: Mapping[str, Variable]) -> None:
         """Wraps a checked graph."""
         super().__init__(compiled, variables)
         self._names: tuple[str, ...] = ()
 
-    def __call__(self, variables: Mapping[str, Any]) -> tuple[Tensor, dict[str, Tensor]]:
-        """Returns the total reward, (num_envs,), and each component, (num_envs,), by name, all float32.
-
-        Args:
-            variables: the task's variables by name; those of `arguments` are read.
-
-        Raises:
-            CodeError: the function fails on these values, or returns something else.
-        """
-        result = self._call(variables)
-        if self._names:  # a result like the checked one before it is plain already; finding out takes a microsecond
-            total, components = result
-            shape = total.shape
-            if len(shape) == 1 and total.dtype is _FLOAT32 and tuple(components) == self._names:
-                for value in components.values():
-                    if value.shape != shape or value.dtype is not _FLOAT32:
-                        break
-                else:
-                    return result
-        return self._checked(result, variables)
-
-    def _checked(self, result: Any, variables: Mapping[str, Any]) -> tuple[Tensor, dict[str, Tensor]]:
+    def _look(self, result: Any, num_envs: int) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns a result in its plain form, or says what is wrong with it."""
+        if self._is_plain and self._is_like_before(*result, num_envs=num_envs):
+            return result
         if not isinstance(result, tuple) or len(result) != 2 or not isinstance(result[1], dict):
             found = f"expected two results, the total reward and a dictionary of components, found {_kind(result)}"
             raise CodeError("return", found, self.line)
-        total, components = result
-        num_envs = variables[self._tensor].shape[0] if self._tensor else 0
-        checked: dict[str, Tensor] = {}
-        for key, value in components.items():
-            if not isinstance(key, str):
-                raise CodeError("return", f"expected component names to be text, found {_kind(key)}", self.line)
-            if isinstance(value, Tensor) and value.dim() == 0:
-                value = value.expand(num_envs)
-            checked[plain_name(key)] = self._per_env(f"the component {key}", value, num_envs)
-        if len(checked) != len(components) or not 0 < len(checked) <= MAX_COMPONENTS:
-            found = f"expected 1 to {MAX_COMPONENTS} components with distinct names, found {', '.join(map(str, components))}"
+        self._check_tensor(result[0], "total reward")
+        for name, value in result[1].items():
+            if not isinstance(name, str):
+                raise CodeError("return", f"expected component names to be text, found {_kind(name)}", self.line)
+            self._check_tensor(value, "component", name)
+        total, components = self._plain(result, num_envs)
+        if len(components) != len(result[1]) or not 0 < len(components) <= MAX_COMPONENTS:
+            found = f"expected 1 to {MAX_COMPONENTS} components with distinct names, found {', '.join(result[1])}"
             raise CodeError("names", found, self.line)
-        total = self._per_env("the total reward", total, num_envs)
-        self._names = tuple(checked)
-        return total, checked
+        for name, value in components.items():
+            self._check_vector(num_envs, value, "component", name)
+        self._check_vector(num_envs, total, "total reward")
+        same = all(result[1].get(name) is value for name, value in components.items())
+        self._names = tuple(components)
+        self._settle(num_envs, same and total is result[0])
+        return total, components
+
+    def _is_like_before(self, total: Tensor, components: dict[str, Tensor], *, num_envs: int) -> bool:
+        """Returns whether a result is as plain as the one before it, of which it differs in its numbers and shapes alone."""
+        shape = (num_envs,)
+        for value in (total, *components.values()):
+            if value.dtype is not torch.float32 or value.shape != shape:
+                return False
+        return tuple(components) == self._names
+
+    def _plain(self, result: Any, num_envs: int) -> tuple[Tensor, dict[str, Tensor]]:
+        """Returns floats under plain names; a component that is one number stands for every environment."""
+        total, components = result
+        return _float(total), {
+            plain_name(name): _float(value if value.dim() else value.expand(num_envs))
+            for name, value in components.items()
+        }
 
 
-class MappingFunction(_Function):
-    """A compiled mapping."""
+class MappingFunction(_Function[tuple[list[Tensor], list[bool], list[str]]]):
+    """A compiled mapping: the progress variables, (num_envs,) each and float32, their directions and their names."""
 
     def __init__(self, compiled: Script, variables: Mapping[str, Variable]) -> None:
         """Wraps a checked graph."""
@@ -176,20 +203,12 @@ class MappingFunction(_Function):
         if not self._names:
             self(self._zeros())
 
-    def __call__(self, variables: Mapping[str, Any]) -> tuple[list[Tensor], list[bool], list[str]]:
-        """Returns the progress variables, (num_envs,) each and float32, their directions and their names.
-
-        Args:
-            variables: the task's variables by name; those of `arguments` are read.
-
-        Raises:
-            CodeError: the function fails on these values, or returns something else.
-        """
-        result = self._call(variables)
+    def _look(self, result: Any, num_envs: int) -> tuple[list[Tensor], list[bool], list[str]]:
+        """Returns a result in its plain form, or says what is wrong with it."""
         if not isinstance(result, tuple) or len(result) != 3:
             found = f"expected three lists, progress variables, directions and names, found {_kind(result)}"
             raise CodeError("return", found, self.line)
-        values, flags, names = (list(part) if isinstance(part, list | tuple) else [part] for part in result)
+        values, flags, names = map(_list, result)
         if not len(values) == len(flags) == len(names) or not 0 < len(values) <= MAX_NAMES:
             found = (
                 f"expected three lists of one length, 1 to {MAX_NAMES}, found {len(values)} progress variables,"
@@ -198,14 +217,22 @@ class MappingFunction(_Function):
             raise CodeError("return", found, self.line)
         if not all(isinstance(flag, bool) for flag in flags) or not all(isinstance(name, str) for name in names):
             raise CodeError("return", "expected directions to be True or False and names to be text", self.line)
-        plain = [plain_name(name) for name in names]
-        if len(set(plain)) != len(plain):
-            found = f"expected distinct names of progress variables, found {', '.join(plain)}"
+        for name, value in zip(names, values, strict=True):
+            self._check_tensor(value, "progress variable", name)
+        progress, self._flags, self._names = self._plain(result, num_envs)
+        if len(set(self._names)) != len(names):
+            found = f"expected distinct names of progress variables, found {', '.join(self._names)}"
             raise CodeError("names", found, self.line)
-        num_envs = variables[self._tensor].shape[0] if self._tensor else 0
-        checked = [self._per_env(f"the progress variable {n}", v, num_envs) for n, v in zip(plain, values, strict=True)]
-        self._flags, self._names = flags, plain
-        return checked, flags, plain
+        for name, value in zip(self._names, progress, strict=True):
+            self._check_vector(num_envs, value, "progress variable", name)
+        same = all(x is y for x, y in zip(progress, values, strict=True))
+        self._settle(num_envs, same and self._names == names and all(isinstance(part, list) for part in result))
+        return progress, self._flags, self._names
+
+    def _plain(self, result: Any, num_envs: int) -> tuple[list[Tensor], list[bool], list[str]]:
+        """Returns lists, also where one value stands alone, of floats and of plain names."""
+        values, flags, names = map(_list, result)
+        return [_float(value) for value in values], flags, [plain_name(name) for name in names]
 
 
 def compile_reward(source: str, variables: Sequence[Variable], portable: bool) -> RewardFunction:
@@ -231,10 +258,17 @@ def compile_mapping(source: str, variables: Sequence[Variable], portable: bool) 
     return function.portable() if portable else function
 
 
-@lru_cache(maxsize=1024)
-def plain_name(name: str) -> str:
-    """Returns a name of at most 64 letters, digits and underscores, "unnamed" when nothing is left."""
-    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:MAX_NAME_CHARACTERS] or "unnamed"
+def _nothing(variables: Mapping[str, Any]) -> tuple[()]:
+    del variables
+    return ()
+
+
+def _float(value: Tensor) -> Tensor:
+    return value if value.dtype is torch.float32 else value.to(torch.float32)
+
+
+def _list(part: Any) -> list[Any]:
+    return list(part) if isinstance(part, list | tuple) else [part]
 
 
 def _kind(value: Any) -> str:

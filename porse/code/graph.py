@@ -33,6 +33,10 @@ _PRIM = words("""
     TupleConstruct TupleIndex TupleSlice TupleUnpack Uninitialized abs data device dtype is_cuda isinstance is_nested
     layout max min requires_grad shape type unchecked_cast unchecked_unwrap_optional
     """)
+_TAKES_NO_NUMBERS = words("""
+    If Loop TupleIndex TupleUnpack __is__ __isnot__ device dim dtype is_cuda is_floating_point is_nested isinstance layout
+    len ndim numel requires_grad shape size type
+    """)
 _MAX_CALL_DEPTH = 64
 _FOLDING_ROUNDS = 3
 _LAST = 2**63 - 1
@@ -47,6 +51,21 @@ def nodes(block: Any) -> Iterator[Any]:
         yield node
         for inner in node.blocks():
             yield from nodes(inner)
+
+
+def has_fixed_shapes(graph: Any) -> bool:
+    """Returns whether the shapes and types of results follow from those of the arguments, whatever numbers are in them."""
+    return not any(_follows_numbers(node) for node in nodes(graph))
+
+
+def _follows_numbers(node: Any) -> bool:
+    """Returns whether a node may decide by the numbers in a tensor: by a truth value or number that it takes out, or rows."""
+    space, _, name = node.kind().partition("::")
+    if space == "aten" and (name == "index" or (name == "where" and node.inputsSize() == 1)):
+        return True
+    reads_tensor = any("Tensor" in value.type().str() for value in node.inputs())
+    gives_number = any("Tensor" not in value.type().str() for value in node.outputs())
+    return reads_tensor and gives_number and name not in _TAKES_NO_NUMBERS
 
 
 def line_of(node: Any) -> int:

@@ -29,21 +29,34 @@ def hold_numbers(graph: Any) -> None:
     """
     if not is_single(graph):
         return
-    floats: set[str] = set()
+    floats = certain_floats(graph)
     for node in list(nodes(graph)):
         space, _, name = node.kind().partition("::")
-        values = list(node.inputs())
-        if space != "aten" or not values or not values[0].type().isSubtypeOf(torch._C.TensorType.get()):
+        if space != "aten" or name not in _OPERATORS or not _reads_tensor_first(node):
             continue
-        beside_float = values[0].debugName() in floats
-        if name in _OPERATORS and values[1].node().kind() == "prim::Constant":
-            number = values[1].toIValue()
-            if type(number) is float or (type(number) is int and beside_float):
+        first, second = list(node.inputs())[:2]
+        if second.node().kind() == "prim::Constant":
+            number = second.toIValue()
+            if type(number) is float or (type(number) is int and first.debugName() in floats):
                 held = graph.insertConstant(torch.tensor(number, dtype=torch.float32))
                 held.node().moveBefore(node)
                 node.replaceInput(1, held)
-        if name in _ALWAYS_FLOATS or (name in _FLOATS_OF_FLOATS and beside_float):
+
+
+def certain_floats(graph: Any) -> set[str]:
+    """Returns the names of those values of a graph that are tensors of floats whatever its arguments are."""
+    floats: set[str] = set()
+    for node in nodes(graph):
+        space, _, name = node.kind().partition("::")
+        if space != "aten" or not _reads_tensor_first(node):
+            continue
+        if name in _ALWAYS_FLOATS or (name in _FLOATS_OF_FLOATS and node.inputsAt(0).debugName() in floats):
             floats.add(node.output().debugName())
+    return floats
+
+
+def _reads_tensor_first(node: Any) -> bool:
+    return node.inputsSize() > 0 and node.inputsAt(0).type().isSubtypeOf(torch._C.TensorType.get())
 
 
 def is_single(graph: Any) -> bool:
