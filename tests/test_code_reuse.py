@@ -8,7 +8,7 @@ from porse.code import compile as compiling
 from porse.code.compile import compile_mapping, compile_reward
 from porse.code.extract import extract
 from porse.code.graph import nodes
-from porse.code.reuse import reuse_memory
+from porse.code.reuse import ALONE, WITH_NUMBERS, reuse_memory
 from porse.code.script import script
 from porse.generation.grammar import mapping_text, reward_text
 from porse.tasks import TASKS
@@ -50,6 +50,14 @@ def test_what_is_written_in_place(body, expected):
     assert written(body, arguments="a, b, steps, scale") == expected
 
 
+@pytest.mark.parametrize("name", sorted(ALONE | WITH_NUMBERS))
+def test_every_operator_that_may_write_in_place_does(name, monkeypatch):
+    body = f"x = torch.{name}(torch.exp(a[:, 0]){'' if name in ALONE else ', 0.5'})"
+    assert written(body) == [f"{name}_"]
+    again, plain = with_and_without(compile_reward, reward(body), VARIABLES, monkeypatch)
+    assert torch.equal(again(values())[0], plain(values())[0])
+
+
 def tensors(result):
     """Returns the total and the components of a reward, or the progress variables of a mapping."""
     return [result[0], *result[1].values()] if isinstance(result[1], dict) else result[0]
@@ -62,7 +70,7 @@ def with_and_without(compile_function, source, variables, monkeypatch):
         return again, compile_function(source, variables, True)
 
 
-@pytest.mark.parametrize("task", ["Quadcopter", "Humanoid", "Over", "SwingCup"])
+@pytest.mark.parametrize("task", ["Quadcopter", "SwingCup"])
 def test_results_keep_their_bits_and_inputs_theirs(task, monkeypatch):
     variables, count = TASKS[task].VARIABLES, 0
     replies = [*functions(task, 20), *((reward_text(variables, seed), "reward") for seed in range(20))]

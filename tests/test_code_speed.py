@@ -82,19 +82,14 @@ def mapping_function(a: Tensor, b: Tensor, q: Tensor) -> Tuple[List[Tensor], Lis
 def mapping_function(a: Tensor) -> Tuple[List[Tensor], List[bool], List[str]]:
     return [a[:, 2]], [True], ["height above the ground"]
 """,
-    "mapping of an angle": """
-def mapping_function(q: Tensor) -> Tuple[List[Tensor], List[bool], List[str]]:
-    return [2.0 * torch.acos(torch.clamp(torch.abs(q[:, 3]), max=1.0))], [False], ["angle"]
-""",
 }
 ENVIRONMENTS = 1024
 HEAD = "import math\nimport torch\nimport torch.nn.functional as F\nfrom torch import Tensor\nfrom typing import *\n"
 TYPES = {"tensor": "Tensor", "int": "int", "float": "float", "device": "torch.device"}
 REPLIES = Path(__file__).parent / "replies"
 INDEX = [entry for entry in json.loads((REPLIES / "index.json").read_text()) if entry["check"] == "ok"]
-CONVERTED = "reward_scalar_component.md"
-"""Its components are one number and truth values. A call of ours returns a vector of floats for each, which is more than
-the function itself does: 1.3 times as long, and 1.1 to 1.2 times as long as a function that makes them itself."""
+NO_VECTORS = "reward_scalar_component.md"
+"""Its components are one number and truth values, of which a call of ours makes vectors of floats."""
 
 
 def scripted_by_hand(source, path):
@@ -114,6 +109,18 @@ def without_self(source, variables):
     read = sorted({name for name in re.findall(r"self\.(\w+)", source) if name in {v.name for v in variables}})
     typed = ", ".join(f"{v.name}: {TYPES[v.kind]}" for v in sorted(variables, key=attrgetter("name")) if v.name in read)
     return re.sub(r"\(self[^)]*\)", f"({typed})", re.sub(r"self\.(\w+)", r"\1", source), count=1) if read else source
+
+
+def with_vectors(by_hand):
+    """Returns a reward whose components are vectors of floats, as a person would make them of what comes back."""
+
+    def call(*given):
+        total, components = by_hand(*given)
+        return total, {
+            name: (value if value.dim() else value.expand(len(total))).float() for name, value in components.items()
+        }
+
+    return call
 
 
 def compiled(source, variables, portable):
@@ -157,7 +164,7 @@ def test_a_call_costs_at_most_15_percent_more_than_by_hand(name, portable, tmp_p
 def test_the_good_replies_of_the_corpus_cost_at_most_15_percent_more_than_by_hand(portable, tmp_path):
     """Those that TorchScript takes as they are, or as plain functions where they are methods."""
     ratios = {}
-    for entry in (entry for entry in INDEX if entry["file"] != CONVERTED):
+    for entry in INDEX:
         task = make_task(entry["task"], ENVIRONMENTS, seed=0)
         states, name = task.variables(), entry["file"].removesuffix(".md")
         source = extract((REPLIES / entry["file"]).read_bytes().decode(), entry["kind"]).source
@@ -167,20 +174,43 @@ def test_the_good_replies_of_the_corpus_cost_at_most_15_percent_more_than_by_han
             by_hand(*given)
         except (RuntimeError, KeyError, NameError, SyntaxError, torch.jit.frontend.NotSupportedError):
             continue  # this reply asks for more than TorchScript gives
+        by_hand = with_vectors(by_hand) if entry["file"] == NO_VECTORS else by_hand
         ours = compiled(source, task.VARIABLES, portable)
         ratio = quiet_ratio(by_hand, given, ours, states, turns=150)
         ratios[name] = ratio if ratio <= 1.15 else quiet_ratio(by_hand, given, ours, states)
     print(json.dumps({name: round(ratio, 3) for name, ratio in sorted(ratios.items(), key=itemgetter(1))}))
-    assert len(ratios) >= 35
+    assert len(ratios) >= 36
     assert {name: ratio for name, ratio in ratios.items() if ratio > 1.15} == {}
 
 
-BARE = """
+ALONE = {
+    "arc cosines": """
 def compute_reward(q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
     r = torch.acos(q[:, 0]) + torch.acos(q[:, 1])
     return r, {"r": r}
-"""
-BARE_WITH_PORTABLE_BITS = """
+""",
+    "the angle between two vectors": """
+def mapping_function(a: Tensor, b: Tensor) -> Tuple[List[Tensor], List[bool], List[str]]:
+    return [torch.acos(torch.clamp(torch.sum(a * b, dim=-1), -1.0, 1.0))], [False], ["angle"]
+""",
+    "an arc tangent": """
+def compute_reward(a: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    r = torch.atan(a[:, 0])
+    return r, {"r": r}
+""",
+    "a tangent": """
+def compute_reward(a: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    r = torch.tan(a[:, 0])
+    return r, {"r": r}
+""",
+    "a GELU": """
+def compute_reward(a: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    r = F.gelu(a[:, 0])
+    return r, {"r": r}
+""",
+}
+"""Functions that are little else than one operator whose bits differ between CPUs."""
+ARC_COSINES_WITH_PORTABLE_BITS = """
 def arc_cosine(x: Tensor) -> Tensor:
     one = torch.ones(1)
     return torch.atan2(one, torch.rsqrt(torch.addcmul(one, x, x, value=-1)) * x)
@@ -191,24 +221,29 @@ def compute_reward(q: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
 """
 
 
-def ratio_of_bare_arc_cosines(portable, written, folder):
-    """Returns how many times longer BARE takes than the source `written`, scripted by hand."""
+def ratio_alone(name, portable, written, folder):
+    """Returns how many times longer a function of ALONE takes than the source `written`, scripted by hand."""
     states = values(ENVIRONMENTS)
-    states["q"] = torch.nn.functional.normalize(states["q"], dim=-1)  # inside the domain
-    ours = compile_reward(BARE, VARIABLES, portable)
-    return quiet_ratio(scripted_by_hand(written, folder / "by_hand.py"), [states["q"]], ours, states)
+    states |= {key: torch.nn.functional.normalize(states[key], dim=-1) for key in "abq"}  # inside the domain
+    ours = compiled(ALONE[name], VARIABLES, portable)
+    given = [states[argument] for argument in ours.arguments]
+    return quiet_ratio(scripted_by_hand(written, folder / "by_hand.py"), given, ours, states)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("portable", "written"), [(False, BARE), (True, BARE_WITH_PORTABLE_BITS)], ids=["fast", "portable"]
-)
-def test_bare_arc_cosines_cost_at_most_15_percent_more_than_the_same_bits_by_hand(portable, written, tmp_path):
-    assert ratio_of_bare_arc_cosines(portable, written, tmp_path) <= 1.15
+@pytest.mark.parametrize("name", ALONE)
+def test_what_is_little_else_costs_at_most_15_percent_more_than_by_hand(name, tmp_path):
+    assert ratio_alone(name, False, ALONE[name], tmp_path) <= 1.15
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="two arc cosines and nothing else cost about 1.4 times as much in the profile portable")
-def test_bare_arc_cosines_in_portable_cost_at_most_15_percent_more_than_plain_ones_by_hand(tmp_path):
-    """Each is four operators, and torch has no way to fewer (docs/decisions.md)."""
-    assert ratio_of_bare_arc_cosines(True, BARE, tmp_path) <= 1.15
+def test_arc_cosines_in_portable_cost_at_most_15_percent_more_than_the_same_bits_by_hand(tmp_path):
+    assert ratio_alone("arc cosines", True, ARC_COSINES_WITH_PORTABLE_BITS, tmp_path) <= 1.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.xfail(reason="in the profile portable the operator is two to seven others; 1.25 to 1.5 times as long")
+def test_what_is_little_else_costs_no_more_in_portable(name, tmp_path):
+    """Torch has no way to fewer of them (docs/decisions.md)."""
+    assert ratio_alone(name, True, ALONE[name], tmp_path) <= 1.15

@@ -19,8 +19,9 @@ def hold_plain_names(graph: Any) -> None:
     So no call has to change or collect them. They stay as they are where something else reads what holds them, or where
     two names would become one.
     """
-    for result in graph.return_node().inputs():
-        for part in result.node().inputs() if result.node().kind() == "prim::TupleConstruct" else ():
+    returned = next(graph.outputs()).node()
+    if returned.kind() == "prim::TupleConstruct":
+        for part in list(returned.inputs()):
             _hold(graph, part)
 
 

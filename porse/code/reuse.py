@@ -1,7 +1,7 @@
 """Results written into the memory of tensors that nothing else reads: the same bits, without asking for new memory.
 
-That makes a usual function on a thousand environments 2 to 8 % faster. Only the operators are touched that keep shape
-and type whatever they are given: one tensor of floats in, and at most constants beside it.
+That makes a usual function on a thousand environments up to 8 % faster. Only operators are touched that keep shape and
+type whatever they are given: one tensor of floats in, and at most constants beside it.
 """
 
 from typing import Any
@@ -9,9 +9,11 @@ from typing import Any
 from porse.code.contract import words
 from porse.code.numbers import certain_floats, is_single
 
-_ALONE = words("abs cos exp log log1p neg reciprocal rsqrt sigmoid sin square tanh")
-_WITH_NUMBERS = words("add clamp div mul sub")
-_NEW = _ALONE | _WITH_NUMBERS | words("addcmul atan2 linalg_vector_norm mean norm pow sqrt")
+ALONE = words("abs cos exp log log1p neg reciprocal rsqrt sigmoid sin square tanh")
+"""Operators on one tensor that may write over it."""
+WITH_NUMBERS = words("add clamp div mul sub")
+"""Operators on a tensor and constants that may write over the tensor."""
+_NEW = ALONE | WITH_NUMBERS | words("addcmul atan2 linalg_vector_norm mean norm pow sqrt")
 
 
 def reuse_memory(graph: Any) -> None:
@@ -22,7 +24,7 @@ def reuse_memory(graph: Any) -> None:
     for node in list(graph.nodes()):
         space, _, name = node.kind().partition("::")
         values = list(node.inputs())
-        if space != "aten" or not ((name in _ALONE and len(values) == 1) or name in _WITH_NUMBERS):
+        if space != "aten" or not ((name in ALONE and len(values) == 1) or name in WITH_NUMBERS):
             continue
         others_are_constants = all(value.node().kind() == "prim::Constant" for value in values[1:])
         if others_are_constants and values[0].debugName() in floats and _is_read_once(values[0]) and _is_new(values[0]):
