@@ -15,7 +15,8 @@ class Variable:
 
     Attributes:
         name: the name, as in the original environment.
-        kind: "tensor" is a float32 or int64 tensor whose first dimension is num_envs; the others are plain values.
+        kind: "tensor" is a float32 or int64 tensor whose first dimension is num_envs; the others are plain values, which
+            stay what they are while the task lives: shapes of results may hang on them.
         shape: the tensor's shape without its first dimension, `()` for one number an environment.
         unit: SI unit, "1" when it has none.
         frame: "world", "body", "joint" or "-".

@@ -82,6 +82,10 @@ def mapping_function(a: Tensor, b: Tensor, q: Tensor) -> Tuple[List[Tensor], Lis
 def mapping_function(a: Tensor) -> Tuple[List[Tensor], List[bool], List[str]]:
     return [a[:, 2]], [True], ["height above the ground"]
 """,
+    "mapping of an angle": """
+def mapping_function(q: Tensor) -> Tuple[List[Tensor], List[bool], List[str]]:
+    return [2.0 * torch.acos(torch.clamp(torch.abs(q[:, 3]), max=1.0))], [False], ["angle"]
+""",
 }
 ENVIRONMENTS = 1024
 HEAD = "import math\nimport torch\nimport torch.nn.functional as F\nfrom torch import Tensor\nfrom typing import *\n"

@@ -179,7 +179,7 @@ def test_refused_at_once(
 
 def test_retry_after_is_honoured(server: ChatServer, store: Store) -> None:
     record(server, store, failing(429, headers={"Retry-After": "0.7"}))
-    assert 0.7 <= server.times[1] - server.times[0] < 5
+    assert 0.7 <= server.times[1] - server.times[0] < 2
 
 
 def test_a_date_to_retry_after_is_honoured() -> None:
@@ -201,7 +201,7 @@ def test_a_wait_beyond_the_stage_is_not_begun(
     monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "5")
     started = time.monotonic()
     assert "asks to wait 86400 s" in refused(server, store, failing(429, headers={"Retry-After": "86400"}))
-    assert time.monotonic() - started < 5
+    assert time.monotonic() - started < 2
 
 
 def test_back_off_doubles_up_to_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,14 +214,14 @@ def test_slow_headers_end_at_the_time_out(server: ChatServer, store: Store, monk
     started = time.monotonic()
     (reply,) = record(server, store, slow_headers)
     assert reply.text == TEXT
-    assert 0.4 <= server.times[1] - started < 4  # whoever waits for all headers waits 5 s
+    assert 0.4 <= server.times[1] - started < 2
 
 
 def test_the_time_of_the_stage_is_limited(server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "1.9")
+    monkeypatch.setenv("PORSE_LLM_STAGE_TIMEOUT_S", "1.5")
     monkeypatch.setenv("PORSE_LLM_CONCURRENCY", "1")
     server.delay_s = 1.0
-    with pytest.raises(ProviderError, match=r"found 4 failures: .*the 1\.9 s of the stage are over"):
+    with pytest.raises(ProviderError, match=r"found 4 failures: .*the 1\.5 s of the stage are over"):
         record(server, store, count=5)
     assert len(list(store.all_keys())) == 1
     server.delay_s = 0

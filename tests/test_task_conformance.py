@@ -141,6 +141,18 @@ def test_a_bad_state_is_a_warning(said: list[str]) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_plain_values_stay_what_they_are(name: str) -> None:
+    """So that a result of a generated function which was looked at once need not be looked at again."""
+    task = make_task(name, ENVS, seed=2)
+    plain = [variable.name for variable in task.VARIABLES if variable.kind != "tensor"]
+    before = [task.variables()[key] for key in plain]
+    play(task, 30, seed=2)
+    task.reset(torch.ones(ENVS, dtype=torch.bool))
+    assert "num_envs" in plain
+    assert [task.variables()[key] for key in plain] == before
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_starts_are_spread_unless_the_original_has_one(name: str) -> None:
     """Among 16 environments no two start alike, or all do; and so do episodes that follow one another."""
     task = make_task(name, 16, seed=9)
