@@ -24,7 +24,18 @@ ENVIRONMENT: dict[Profile, dict[str, str]] = {
 }
 """Environment variables of each profile."""
 
-_PACKAGES = ("torch", "mujoco", "numpy", "rsl-rl-lib", "tensordict", "pyarrow", "safetensors", "dvc", "diskcache")
+_PACKAGES = (
+    "torch",
+    "mujoco",
+    "numpy",
+    "rsl-rl-lib",
+    "tensordict",
+    "llvmlite",
+    "pyarrow",
+    "safetensors",
+    "dvc",
+    "diskcache",
+)
 
 
 def apply(profile: Profile) -> None:

@@ -280,7 +280,9 @@ def test_a_colon_too_many_is_an_error():
         ("x = a[:, 0] * a.mean().item()", False),
         ("x = a[:, 0] if [a] == [b] else b[:, 0]", False),
         ("x = a[:, 0][a[:, 0] > 0]", False),
-        ("x = a[:, [0, 1]].sum(-1)", False),
+        ("x = a[:, [0, 1]].sum(-1)", True),
+        ("i = torch.tensor([True, False, True])\nx = a[:, i].sum(-1)", False),
+        ("x = a[:, b[0] > 0].sum(-1)", False),
         ("x = torch.where(a[:, 0] > 0)[0]", False),
     ],
 )

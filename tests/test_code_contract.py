@@ -50,7 +50,7 @@ def patterns(text, prefix=""):
 def usable(name, calls):
     """Whether one of the calls is accepted, runs and gives something that later lines can use."""
     for call in calls:
-        source = reward(f"y = {call.replace('F', name, 1)}\nx = a[:, 0]\nz = [y]", arguments="a, b, num_envs")
+        source = reward(f"y = {call.replace('F', name, 1)}\nx = a[:, 0]\nprint(y)", arguments="a, b, num_envs")
         try:
             compile_reward(source, VARIABLES, portable=True)(values())
         except CodeError:
@@ -102,3 +102,28 @@ def test_the_prompt_says_what_is_enforced(kind):
 
 def test_every_helper_that_the_prompt_names_exists():
     assert HELPERS.keys() <= HELPER_SOURCES.keys()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["functions", "methods"])
+def test_what_a_call_returns_cannot_be_used_to_change_its_arguments(kind):
+    """A minute. Some operators return a view of an argument, or itself, and their schemas do not all say so."""
+    names, calls = (
+        (TORCH_FUNCTIONS, patterns(CALLS, "torch.")) if kind == "functions" else (METHODS, patterns(METHOD_CALLS))
+    )
+    tried, changed = 0, []
+    for name in sorted(names):
+        for call in calls:
+            for write in ("y.zero_()", "y[0].zero_()", "y[0][0].zero_()"):
+                source = reward(f"y = {call.replace('F', name, 1)}\n{write}\nx = a[:, 0]", arguments="a, b, num_envs")
+                states = values()
+                before = {key: states[key].clone() for key in "ab"}
+                try:
+                    compile_reward(source, VARIABLES, portable=True)(states)
+                except CodeError:
+                    continue
+                tried += 1
+                if not all(torch.equal(states[key], before[key]) for key in "ab"):
+                    changed.append(call.replace("F", name, 1))
+    assert tried > 300
+    assert changed == []

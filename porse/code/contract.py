@@ -72,16 +72,17 @@ TORCH_CONSTANTS = words(
 
 TORCH_FUNCTIONS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
-    arctanh argmax argmin as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not bitwise_or
-    bmm broadcast_tensors cat ceil chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate cos
-    cosh cosine_similarity cross cummax cummin cumprod cumsum deg2rad diff dist div divide dot einsum eq erf exp exp2
-    expm1 eye flatten flip floor floor_divide fmax fmin fmod frac full full_like gather ge greater greater_equal gt
-    heaviside hstack hypot index_select inner isclose isfinite isinf isnan le lerp less less_equal linspace log
-    log10 log1p log2 logaddexp logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max
-    maximum mean median min minimum mm movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm
-    not_equal numel ones ones_like outer permute pow prod rad2deg ravel reciprocal relu remainder reshape roll
-    round rsqrt select sgn sigmoid sign sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub
-    subtract sum swapaxes t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
+    arctanh argmax argmin argsort as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not
+    bitwise_or bmm broadcast_tensors broadcast_to cat ceil chunk clamp clamp_max clamp_min clip clone column_stack
+    concat concatenate copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
+    diagonal diff dist div divide dot einsum eq erf exp exp2 expm1 eye fix flatten flip floor floor_divide fmax fmin
+    fmod frac full full_like gather ge greater greater_equal gt heaviside hstack hypot index_select inner isclose
+    isfinite isinf isnan isneginf isposinf le lerp less less_equal linspace log log10 log1p log2 log_softmax logaddexp
+    logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max maximum mean median min
+    minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm not_equal numel
+    ones ones_like outer permute positive pow prod rad2deg ravel reciprocal relu remainder reshape roll round rsqrt
+    select sgn sigmoid sign signbit sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub subtract
+    sum swapaxes swapdims t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
     unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
     """)
 
@@ -89,8 +90,8 @@ TORCH_MODULES: dict[str, frozenset[str]] = {
     "linalg": words("cross multi_dot norm vecdot vector_norm"),
     "special": words("erf exp2 expit expm1 log1p logit logsumexp sinc softmax xlogy"),
     "nn.functional": words("""
-        celu cosine_similarity elu gelu hardsigmoid hardtanh huber_loss l1_loss leaky_relu logsigmoid mish mse_loss
-        normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
+        celu cosine_similarity elu gelu hardsigmoid hardtanh huber_loss l1_loss leaky_relu log_softmax logsigmoid mish
+        mse_loss normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
         threshold
         """),
     "jit": frozenset(["annotate"]),
@@ -102,15 +103,18 @@ MATH_NAMES = words(
 )
 
 METHODS = words("""
-    abs acos add addcdiv addcmul all amax amin any argmax argmin asin atan atan2 bmm bool ceil chunk clamp clamp_max
-    clamp_min clip clone contiguous cos cosh cross cumprod cumsum deg2rad detach dim div divide dot double eq erf exp
-    exp2 expand expand_as expm1 flatten flip float floor floor_divide fmax fmin fmod frac gather ge gt half index_select
-    int isclose isfinite isinf isnan item le lerp log log10 log1p log2 logical_and logical_not logical_or logical_xor
-    logsumexp long lt masked_fill matmul max maximum mean median min minimum mm movedim mul multiply mv nan_to_num
-    nanmean nansum narrow ne neg norm numel outer permute pow prod rad2deg ravel reciprocal relu remainder repeat
-    reshape roll round rsqrt select sgn sigmoid sign sin sinh size softmax sort split sqrt square squeeze std sub
-    subtract sum t tan tanh tile to topk transpose tril triu true_divide trunc type type_as unbind unflatten unsqueeze var
-    view view_as where xlogy
+    abs absolute acos acosh add addcdiv addcmul all amax amin any arccos arccosh arcsin arcsinh arctan arctan2 arctanh
+    argmax argmin argsort asin asinh atan atan2 atanh baddbmm bitwise_and bitwise_not bitwise_or bmm bool broadcast_to
+    ceil chunk clamp clamp_max clamp_min clip clone contiguous copysign cos cosh count_nonzero cross cummax cummin
+    cumprod cumsum deg2rad detach diagonal diff dim dist div divide dot double eq erf exp exp2 expand expand_as expm1
+    fix flatten flip float floor floor_divide fmax fmin fmod frac gather ge greater greater_equal gt half heaviside
+    hypot index_select inner int isclose isfinite isinf isnan isneginf isposinf item le lerp less less_equal log log10
+    log1p log2 log_softmax logaddexp logical_and logical_not logical_or logical_xor logit logsumexp long lt masked_fill
+    matmul max maximum mean median min minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne
+    neg negative norm not_equal numel outer permute positive pow prod rad2deg ravel reciprocal relu remainder repeat
+    reshape reshape_as roll round rsqrt select sgn sigmoid sign signbit sin sinc sinh size softmax sort split sqrt
+    square squeeze std sub subtract sum swapaxes swapdims t take_along_dim tan tanh tile to topk trace transpose tril
+    triu true_divide trunc type type_as unbind unflatten unsqueeze var view view_as where xlogy
     new_full new_ones new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
     append extend copy items keys values get update format

@@ -25,12 +25,13 @@ _COMPARE = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Is: "is",
     ast.IsNot: "is not", ast.In: "in", ast.NotIn: "not in",
 }  # fmt: skip
-_FACTORIES = frozenset(f"torch.{name}" for name in ("arange", "eye", "full", "linspace", "ones", "tensor", "zeros"))
+_FACTORIES = frozenset(
+    f"torch.{name}" for name in ("arange", "as_tensor", "eye", "full", "linspace", "ones", "tensor", "zeros")
+)
 _METHODS_WRITTEN_ANEW = ("norm", "cross", "type", "bool")
 _PATHS = {
     **{f"{module}.{name}": f"math.{name}" for module in ("torch", "numpy") for name in ("pi", "e", "inf", "nan")},
     "torch.concatenate": "torch.cat",
-    "torch.as_tensor": "torch.tensor",
     "torch.absolute": "torch.abs",
 }
 

@@ -18,7 +18,7 @@ _INTERNAL = words("""
     __isnot__ __not__ __or__ __range_length __xor__ _set_item append clamp_min_ copy_ device dict embedding extend fabs
     format frobenius_norm index index_put_ items keys len linalg_matrix_norm linalg_vector_norm list log_sigmoid
     masked_fill_ ndim nuclear_norm degrees radians relu_ slice str type_as values warn is_floating_point elu celu
-    copy cosine_similarity dtype layout rsub hardswish scalar_tensor floordiv mod remainder eq ne round floor ceil pow
+    copy cosine_similarity dtype layout mT numpy_T rsub hardswish scalar_tensor floordiv mod remainder eq ne round floor ceil pow
     """)
 _ALLOWED = (
     TORCH_FUNCTIONS
@@ -61,11 +61,19 @@ def has_fixed_shapes(graph: Any) -> bool:
 def _follows_numbers(node: Any) -> bool:
     """Returns whether a node may decide by the numbers in a tensor: by a truth value or number that it takes out, or rows."""
     space, _, name = node.kind().partition("::")
-    if space == "aten" and (name == "index" or (name == "where" and node.inputsSize() == 1)):
+    if space == "aten" and name == "index":
+        return not all(map(_is_fixed_index, node.inputsAt(1).node().inputs()))
+    if space == "aten" and name == "where" and node.inputsSize() == 1:
         return True
     reads_tensor = any("Tensor" in value.type().str() for value in node.inputs())
     gives_number = any("Tensor" not in value.type().str() for value in node.outputs())
     return reads_tensor and gives_number and name not in _TAKES_NO_NUMBERS
+
+
+def _is_fixed_index(value: Any) -> bool:
+    """Returns whether an index takes as many rows whatever the arguments are: nothing, or whole numbers written out."""
+    index = value.toIValue() if value.node().kind() == "prim::Constant" else False
+    return index is None or (isinstance(index, torch.Tensor) and index.dtype is torch.int64)
 
 
 def line_of(node: Any) -> int:

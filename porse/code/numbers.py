@@ -1,8 +1,9 @@
-"""Numbers that meet tensors, held as tensors: the same bits, without making a tensor of the number in every call.
+"""Numbers that are written out, held as tensors: the same bits, without making a tensor of them in every call.
 
-That takes half a microsecond and more, as long as the arithmetic on a thousand environments. A plain number does not
-decide a result's type where a tensor might: that makes no difference while every tensor of floats is float32, since a
-float makes float32 of integers too. Task variables are float32 or int64; graphs that make other floats are left alone.
+`torch.tensor([0.0, 0.0, 1.0])` takes five microseconds. To make one of a number that meets a tensor takes half of one and
+more, as long as the arithmetic on a thousand environments. A plain number does not decide a result's type where a tensor
+might: that makes no difference while every tensor of floats is float32, since a float makes float32 of integers too.
+Task variables are float32 or int64; graphs that make other floats are left alone.
 """
 
 from typing import Any
@@ -14,12 +15,12 @@ from porse.code.graph import nodes
 
 _OPERATORS = words("add sub mul div add_ sub_ mul_ div_ lt le gt ge eq ne")
 _ALWAYS_FLOATS = words("""
-    acos arccos asin arcsin atan arctan atan2 atan2_ cos exp exp_ linalg_vector_norm log log1p mean norm reciprocal
+    acos arccos asin arcsin atan arctan atan2 cos exp exp_ linalg_vector_norm log log1p mean norm reciprocal
     reciprocal_ rsqrt sigmoid sin sqrt tanh
     """)
 _FLOATS_OF_FLOATS = words("abs add clamp div mul neg pow select slice square squeeze sub unsqueeze")
-_TYPES = (None, 0, 3, 4, 6, 11)
-"""TorchScript's numbers for uint8, int32, int64, float32 and bool; None is the usual type."""
+_DTYPES = {None: None, 0: torch.uint8, 3: torch.int32, 4: torch.int64, 6: torch.float32, 11: torch.bool}
+"""Types by TorchScript's numbers for them; None is the usual one."""
 
 
 def hold_numbers(graph: Any) -> None:
@@ -43,14 +44,66 @@ def hold_numbers(graph: Any) -> None:
                 node.replaceInput(1, held)
 
 
+def hold_tensors(graph: Any) -> None:
+    """Puts, in place, constants for tensors that are made of numbers which are written out, where nothing writes to them."""
+    writes = graph.alias_db()
+    for node in list(nodes(graph)):
+        if node.kind() not in ("aten::tensor", "aten::as_tensor"):
+            continue
+        data, dtype, device = list(node.inputs())[:3]
+        tensor = _tensor_of(_written_out(data), dtype)
+        if tensor is None or writes.has_writers(node.output()):
+            continue
+        held = graph.insertConstant(tensor)
+        held.node().moveBefore(node)
+        node.output().replaceAllUsesWith(held if device.node().mustBeNone() else _on_device(graph, node, held, device))
+        node.destroy()
+    torch._C._jit_pass_dce(graph)  # the lists of those numbers
+
+
+def _on_device(graph: Any, before: Any, held: Any, device: Any) -> Any:
+    """Returns a constant on a device that is known when the function is called: where it is already, nothing happens."""
+    no, usual = graph.insertConstant(False), graph.insertConstant(None)
+    moved = graph.create("aten::to", [held, device, usual, no, no], 1)
+    for node in (no.node(), usual.node(), moved):
+        node.moveBefore(before) if node.kind() == "prim::Constant" else node.insertBefore(before)
+    moved.output().setType(torch._C.TensorType.get())
+    return moved.output()
+
+
+def _tensor_of(numbers: Any, dtype: Any) -> torch.Tensor | None:
+    """Returns the tensor of a number or list of numbers, None where there is none or it would fail in a call."""
+    if numbers is None or dtype.node().kind() != "prim::Constant" or dtype.toIValue() not in _DTYPES:
+        return None
+    try:
+        return torch.tensor(numbers, dtype=_DTYPES[dtype.toIValue()])
+    except (RuntimeError, ValueError, TypeError, OverflowError):
+        return None
+
+
+def _written_out(value: Any) -> Any:
+    """Returns the number or list of numbers that a value is in every call, None when it may differ."""
+    if value.node().kind() == "prim::Constant":
+        number = value.toIValue()
+        return number if isinstance(number, int | float) else None
+    if value.node().kind() != "prim::ListConstruct":
+        return None
+    numbers = [_written_out(item) for item in value.node().inputs()]
+    return numbers if numbers and not any(number is None for number in numbers) else None
+
+
 def certain_floats(graph: Any) -> set[str]:
     """Returns the names of those values of a graph that are tensors of floats whatever its arguments are."""
     floats: set[str] = set()
     for node in nodes(graph):
         space, _, name = node.kind().partition("::")
-        if space != "aten" or not _reads_tensor_first(node):
+        if space not in ("aten", "porse") or not _reads_tensor_first(node):
             continue
-        if name in _ALWAYS_FLOATS or (name in _FLOATS_OF_FLOATS and node.inputsAt(0).debugName() in floats):
+        if (
+            space == "porse"
+            or name in _ALWAYS_FLOATS
+            or (name in _FLOATS_OF_FLOATS and node.inputsAt(0).debugName() in floats)
+        ):
             floats.add(node.output().debugName())
     return floats
 
@@ -73,4 +126,4 @@ def _makes_other_floats(node: Any) -> bool:
     arguments = torch._C.parse_schema(node.schema()).arguments  # fewer than the inputs for `format` alone
     types = [value for argument, value in zip(arguments, node.inputs(), strict=False) if argument.name == "dtype"]
     kinds = {value.node().kind() for value in types} - {"prim::dtype"}
-    return not kinds <= {"prim::Constant"} or any(value.toIValue() not in _TYPES for value in types)
+    return not kinds <= {"prim::Constant"} or any(value.toIValue() not in _DTYPES for value in types)

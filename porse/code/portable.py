@@ -1,22 +1,35 @@
-"""Portable forms of the operators whose bits depend on the CPU's vendor, put into a compiled graph.
+"""Portable forms of the operators whose bits depend on the CPU or on the C library, put into a compiled graph.
 
 Measured with torch 2.13.0 on emulated CPUs (`docs/generated-code.md`): square root, pow(x, 0.5), arc cosine, arc sine,
 arc tangent, tangent and the decimal logarithm go through MKL's vector maths, GELU through oneDNN, and no environment
-variable makes these the same on every CPU. They are replaced, where they stand, by operators that are.
+variable makes these the same on every CPU. Others go number by number through the C library where a tensor is strided,
+a column, say. They are replaced, where they stand, by operators that are the same everywhere, or given dense tensors.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
 
 import torch
 
+from porse.code import sleef
+from porse.code.contract import words
 from porse.code.graph import nodes
 from porse.code.numbers import is_single
 
-_ONE = torch.tensor(1.0)
-_FLOAT32 = 6
-"""TorchScript's number for float32."""
+_FLOAT32, _FLOAT64 = 6, 7
+"""TorchScript's numbers for float32 and float64."""
+_CONTIGUOUS = 0
+"""TorchScript's number for the usual layout."""
+_VIEWS = words("""
+    __getitem__ broadcast_to detach diagonal expand expand_as flatten moveaxis movedim mT narrow numpy_T permute ravel reshape
+    reshape_as select slice squeeze swapaxes swapdims t to transpose type_as unbind unflatten unsqueeze view view_as
+    ListUnpack
+    """)
+"""Operators whose results may be strided. Task variables are dense, and so is what other operators make of dense ones."""
+_EXACT_POWERS = (-2, -1, -0.5, 0, 1, 2, 3)
+"""Exponents for which torch multiplies, divides and takes roots."""
 
 
 def make_portable(graph: Any) -> None:
@@ -45,9 +58,9 @@ class _Builder:
         self.node = node
         self.single = single
 
-    def op(self, kind: str, *inputs: Any) -> Any:
-        """Returns the output of a new operator on tensors."""
-        new = self._graph.create(f"aten::{kind}", list(inputs), 1)
+    def op(self, name: str, *inputs: Any) -> Any:
+        """Returns the output of a new operator on tensors, one of torch's where the name does not say otherwise."""
+        new = self._graph.create(name if "::" in name else f"aten::{name}", list(inputs), 1)
         new.insertBefore(self.node)
         new.copyMetadata(self.node)
         new.output().setType(torch._C.TensorType.get())
@@ -107,66 +120,81 @@ def _root_of_square(node: Any) -> Any:
     return values[0] if node.kind() == "aten::square" else None
 
 
-def _tangent_of_asin(to: _Builder, x: Any) -> Any:
-    """Returns x / sqrt(1 - x x), infinite at 1 and -1; `addcmul` rounds once, so the difference keeps its digits there.
-
-    It is dense where x may be a column: of strided tensors `atan2` takes each number by itself, through the C library.
-    """
-    return to.op("mul_", to.op("rsqrt_", to.op("addcmul", to.constant(_ONE), x, x, to.constant(-1))), x)
-
-
-def _acos(to: _Builder, x: Any) -> Any:
-    tangent = _tangent_of_asin(to, x)
-    return to.op("atan2", to.constant(_ONE), tangent, tangent)  # into the tangent, which nothing else reads
-
-
-def _asin(to: _Builder, x: Any) -> Any:
-    return to.op("atan2_", _tangent_of_asin(to, x), to.constant(_ONE))
+def _by_sleef(function: sleef.Function, to: _Builder, x: Any) -> Any:
+    """Sleef writes over a copy, which `porse.code.reuse` takes away where nothing else reads x."""
+    if not sleef.is_needed():
+        return None
+    copy = to.op("mul", x, to.constant(1.0))  # the copy is dense, and integers become floats as they would
+    if to.single:
+        return to.op(sleef.operator(function, "f32"), copy)
+    no = to.constant(False)
+    double = to.op("to", copy, to.constant(_FLOAT64), no, no, to.constant(None))
+    return to.op("type_as", to.op(sleef.operator(function, "f64"), double), copy)
 
 
-def _atan(to: _Builder, x: Any) -> Any:
-    return to.op("atan2", x, to.constant(_ONE))
+def _on_dense(to: _Builder, *inputs: Any) -> Any:
+    """Returns the same operator on dense tensors, which go through Sleef; None when they are dense as they are."""
+    dense = [_dense(to, value) for value in inputs]
+    return None if dense == list(inputs) else to.op(to.node.kind(), *dense)
 
 
-def _tan(to: _Builder, x: Any) -> Any:
-    return to.op("div", to.op("sin", x), to.op("cos", x))
-
-
-def _log10(to: _Builder, x: Any) -> Any:
-    return to.op("mul", to.op("log", x), to.constant(1.0 / math.log(10.0)))
+def _dense(to: _Builder, value: Any) -> Any:
+    is_view = value.node().kind().partition("::")[2] in _VIEWS
+    is_tensor = value.type().isSubtypeOf(torch._C.TensorType.get())
+    return to.op("contiguous", value, to.constant(_CONTIGUOUS)) if is_tensor and is_view else value
 
 
 def _gelu(to: _Builder, x: Any, approximate: Any) -> Any:
-    one, half = to.constant(1), to.constant(0.5)
     if approximate.toIValue() == "tanh":
+        one = to.constant(1)
         cube = to.op("mul", to.op("mul", to.op("mul", x, x), x), to.constant(0.044715))
         inner = to.op("tanh", to.op("mul", to.op("add", x, cube, one), to.constant(math.sqrt(2.0 / math.pi))))
-    else:
-        inner = to.op("erf", to.op("mul", x, to.constant(math.sqrt(0.5))))
-    return to.op("mul", to.op("mul", x, half), to.op("add", inner, one, one))
+        return to.op("mul", to.op("mul", x, to.constant(0.5)), to.op("add", inner, one, one))
+    half = to.op("mul", x, to.constant(0.5))
+    inner = to.op("erf", to.op("mul", half, to.constant(math.sqrt(2.0))))
+    return to.op("addcmul", half, half, inner, to.constant(1))
 
 
 def _pow(to: _Builder, x: Any, exponent: Any) -> Any:
-    """Only the exponent 0.5 is at risk; one that is not known yet becomes a tensor, which has no special case."""
-    if not x.type().isSubtypeOf(torch._C.TensorType.get()) or exponent.type().isSubtypeOf(torch._C.TensorType.get()):
-        return None
-    if exponent.node().kind() == "prim::Constant":
-        return _sqrt(to, x) if exponent.toIValue() == 0.5 else None
-    if exponent.type().str() != "float":
-        return None
-    return to.op("pow", x, to.op("scalar_tensor", exponent, *[to.constant(None)] * 4))
+    """An exponent that is a number not known yet, and may be 0.5, becomes a tensor, which has no special case."""
+    tensor = torch._C.TensorType.get()
+    if x.type().isSubtypeOf(tensor) and not exponent.type().isSubtypeOf(tensor):
+        if exponent.node().kind() == "prim::Constant":
+            if exponent.toIValue() == 0.5:
+                return _sqrt(to, x)
+            if exponent.toIValue() in _EXACT_POWERS:
+                return None
+            return _on_dense(to, x, exponent)
+        if exponent.type().str() == "float":
+            return to.op("pow", x, to.op("scalar_tensor", exponent, *[to.constant(None)] * 4))
+    return None  # a power of tensors takes three times as long through Sleef as through the C library
 
 
+_BY_SLEEF: dict[str, sleef.Function] = {
+    "acos": "acos",
+    "arccos": "acos",
+    "asin": "asin",
+    "arcsin": "asin",
+    "atan": "atan",
+    "arctan": "atan",
+    "tan": "tan",
+    "log10": "log10",
+    "acosh": "acosh",
+    "arccosh": "acosh",
+    "asinh": "asinh",
+    "arcsinh": "asinh",
+    "atanh": "atanh",
+    "arctanh": "atanh",
+    "sinh": "sinh",
+    "cosh": "cosh",
+}
+_DENSE_BY_SLEEF = words("""
+    arctan2 atan2 exp2 hypot logaddexp logit mish sigmoid silu softplus special_exp2 special_expit special_logit
+    """)
 _FORMS: dict[str, Callable[..., Any]] = {
     "aten::sqrt": _sqrt,
-    "aten::acos": _acos,
-    "aten::arccos": _acos,
-    "aten::asin": _asin,
-    "aten::arcsin": _asin,
-    "aten::atan": _atan,
-    "aten::arctan": _atan,
-    "aten::tan": _tan,
-    "aten::log10": _log10,
-    "aten::gelu": _gelu,
     "aten::pow": _pow,
+    "aten::gelu": _gelu,
+    **{f"aten::{name}": functools.partial(_by_sleef, function) for name, function in _BY_SLEEF.items()},
+    **{f"aten::{name}": _on_dense for name in sorted(_DENSE_BY_SLEEF)},
 }

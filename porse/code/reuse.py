@@ -6,6 +6,8 @@ type whatever they are given: one tensor of floats in, and at most constants bes
 
 from typing import Any
 
+import torch
+
 from porse.code.contract import words
 from porse.code.numbers import certain_floats, is_single
 
@@ -17,7 +19,7 @@ _NEW = ALONE | WITH_NUMBERS | words("addcmul atan2 linalg_vector_norm mean norm 
 
 
 def reuse_memory(graph: Any) -> None:
-    """Puts, in place, operators that write where they read, outside of branches and loops."""
+    """Puts, in place, operators that write where they read, outside of branches and loops; copies for that are dropped."""
     if not is_single(graph):
         return
     floats = certain_floats(graph)
@@ -28,27 +30,36 @@ def reuse_memory(graph: Any) -> None:
             continue
         others_are_constants = all(value.node().kind() == "prim::Constant" for value in values[1:])
         if others_are_constants and values[0].debugName() in floats and _is_read_once(values[0]) and _is_new(values[0]):
-            written = graph.create(f"aten::{name}_", values, 1)
-            written.insertBefore(node)
-            written.copyMetadata(node)
-            written.output().setType(node.output().type())
-            floats.add(written.output().debugName())
-            node.output().replaceAllUsesWith(written.output())
+            if name == "mul" and _is_one(values[1]):
+                node.output().replaceAllUsesWith(values[0])
+            else:
+                written = graph.create(f"aten::{name}_", values, 1)
+                written.insertBefore(node)
+                written.copyMetadata(node)
+                written.output().setType(node.output().type())
+                floats.add(written.output().debugName())
+                node.output().replaceAllUsesWith(written.output())
             node.destroy()
+
+
+def _is_new(value: Any) -> bool:
+    """Returns whether a value has dense memory of its own: an operator made it, or wrote into such memory, alone."""
+    node = value.node()
+    space, _, name = node.kind().partition("::")
+    if space == "aten" and name in _NEW:
+        return True
+    return (
+        space in ("aten", "porse")
+        and name.endswith("_")
+        and _is_read_once(node.inputsAt(0))
+        and _is_new(node.inputsAt(0))
+    )
 
 
 def _is_read_once(value: Any) -> bool:
     return len({use.user for use in value.uses()}) == 1
 
 
-def _is_new(value: Any) -> bool:
-    """Returns whether a value has memory of its own: an operator made it, or wrote into such memory which it alone reads."""
-    node = value.node()
-    space, _, name = node.kind().partition("::")
-    if space != "aten":
-        return False
-    if name == "atan2" and node.inputsSize() == 3:  # the third is where it writes
-        return _is_read_once(node.inputsAt(2)) and _is_new(node.inputsAt(2))
-    if name.endswith("_"):
-        return _is_read_once(node.inputsAt(0)) and _is_new(node.inputsAt(0))
-    return name in _NEW
+def _is_one(constant: Any) -> bool:
+    number = constant.toIValue()
+    return isinstance(number, torch.Tensor) and number.dim() == 0 and number.item() == 1.0

@@ -19,6 +19,7 @@ from porse.code.check import check_program
 from porse.code.emit import Emitted, emit
 from porse.code.graph import flatten, line_of
 from porse.code.names import hold_plain_names
+from porse.code.numbers import hold_tensors
 from porse.code.program import parse_program
 from porse.code.verdict import Check, CodeError
 from porse.variables import Variable
@@ -77,6 +78,7 @@ def _graph(unit: Any, emitted: Emitted) -> Any:
         line = _source_line(emitted.lines, line_of(write[1]))
         raise CodeError("inplace", f"the function may change its input {name} in place; work on {name}.clone()", line)
     hold_plain_names(graph)
+    hold_tensors(graph)
     return graph
 
 

@@ -3,11 +3,13 @@
 import types
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from itertools import product
+from typing import Any, get_args
 
 import torch
 from torch import Tensor
 
+from porse.code import sleef
 from porse.code.compile import MappingFunction, RewardFunction, compile_mapping, compile_reward
 from porse.code.contract import TORCH_MODULES, Kind
 from porse.code.verdict import CodeError, Verdict
@@ -157,7 +159,8 @@ def _numbers(value: Tensor) -> str:
 def warm_up() -> None:
     """Has torch prepare everything that it prepares once, so that no function needs a file later.
 
-    Torch's functions that are written in Python are compiled from their source files on first use.
+    Torch's functions that are written in Python are compiled from their source files on first use, and Sleef's
+    operators are made.
     """
     variables = [Variable("x", "tensor", (3,), "1", "world", "")]
     with warnings.catch_warnings():
@@ -177,3 +180,6 @@ def warm_up() -> None:
     for portable in (False, True):
         with torch.inference_mode():
             compile_reward(source, variables, portable)({"x": torch.zeros(3, 3)})
+    if sleef.is_needed():
+        for function, precision in product(get_args(sleef.Function), get_args(sleef.Precision)):
+            sleef.operator(function, precision)
