@@ -21,11 +21,6 @@ DOMAIN = {
     "atan": (-1e3, 1e3),
     "tan": (-1e3, 1e3),
     "log10": (1e-6, 1e6),
-    "acosh": (1.0, 1e3),
-    "asinh": (-1e3, 1e3),
-    "atanh": (-0.999, 0.999),
-    "sinh": (-20.0, 20.0),
-    "cosh": (-20.0, 20.0),
 }
 ALL_FLOATS = 2**32
 
@@ -124,7 +119,7 @@ def test_every_layout_and_type_gives_what_torch_gives_and_leaves_its_argument(fu
     source = reward(*lines, f"f = torch.{function}(y)", "x = f.sum() + a[:, 0] + y.sum()", arguments="a, steps")
     states = {
         "a": torch.linspace(-0.9, 0.9, 40).reshape(10, 4).abs(),
-        "steps": torch.arange(10) % 2 + (function in ("log10", "acosh")),
+        "steps": torch.arange(10) % 2 + (function == "log10"),
     }
     before = {name: value.clone() for name, value in states.items()}
     plain, portable = (compile_reward(source, VARIABLES, form)(states)[0] for form in (False, True))
@@ -175,16 +170,16 @@ def test_only_what_is_asked_for_is_made(root):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_every_float_is_within_one_unit_in_the_last_place(function):
-    """All 2^32 of them, in half a minute to a minute a function."""
+def test_floats_of_every_size_are_within_one_unit_in_the_last_place(function):
+    """Every 61st of all float32, from zero to infinity and NaN, of both signs: 70 million."""
     worst = 0.0
-    for start in range(0, ALL_FLOATS, 2**24):
-        bits = torch.arange(start, start + 2**24, dtype=torch.int64).to(torch.uint32).view(torch.int32)
-        x = bits.view(torch.float32)
-        expected = exact(function, x)
-        found = over(function, "f32", x)
+    for start in range(0, ALL_FLOATS, 61 * 2**22):
+        bits = torch.arange(start, min(start + 61 * 2**22, ALL_FLOATS), 61)
+        x = bits.to(torch.uint32).view(torch.float32)
+        expected, found = exact(function, x), over(function, "f32", x)
         assert torch.equal(found.isnan(), expected.isnan())
-        sound = expected.isfinite()
+        sound = expected.abs() < torch.finfo(torch.float32).max
         if bool(sound.any()):
             worst = max(worst, float(units(found[sound], expected[sound]).max()))
+    print(f"{function}: {worst:.3f} units")
     assert worst <= 1.0

@@ -179,17 +179,10 @@ _BY_SLEEF: dict[str, sleef.Function] = {
     "arctan": "atan",
     "tan": "tan",
     "log10": "log10",
-    "acosh": "acosh",
-    "arccosh": "acosh",
-    "asinh": "asinh",
-    "arcsinh": "asinh",
-    "atanh": "atanh",
-    "arctanh": "atanh",
-    "sinh": "sinh",
-    "cosh": "cosh",
 }
 _DENSE_BY_SLEEF = words("""
-    arctan2 atan2 exp2 hypot logaddexp logit mish sigmoid silu softplus special_exp2 special_expit special_logit
+    arctan2 arctanh atan2 atanh cosh exp2 hypot logaddexp logit mish sigmoid silu sinh softplus special_exp2 special_expit
+    special_logit
     """)
 _FORMS: dict[str, Callable[..., Any]] = {
     "aten::sqrt": _sqrt,

@@ -1,11 +1,10 @@
 """Operators whose bits are the same on every CPU, for functions for which torch has none: `porse::acos_f32_`, ...
 
 They call Sleef, the vector maths inside torch. Torch itself takes it for sines, exponentials and natural logarithms, but
-on x86-64 it gives arcs, tangents and decimal logarithms to MKL, whose bits differ between CPUs, and hyperbolic functions
-number by number to the C library, whose bits differ between versions. No operator of torch leads to Sleef's. So the loops
-around Sleef's functions are ours: llvmlite compiles them in a hundredth of a second, without a compiler on the machine.
-They hold no arithmetic, and the last numbers of a tensor go the same way as all others, so the bits are those of Sleef
-in the pinned torch.
+on x86-64 it gives arcs, tangents and decimal logarithms to MKL, whose bits differ between CPUs, and none of its operators
+leads to Sleef's. So the loops around Sleef's functions are ours: llvmlite compiles them in a hundredth of a second, without
+a compiler on the machine. They hold no arithmetic, and the last numbers of a tensor go the same way as all others, so the
+bits are those of Sleef in the pinned torch.
 """
 
 import ctypes
@@ -17,7 +16,7 @@ from typing import Literal
 import llvmlite.binding as llvm
 import torch
 
-Function = Literal["acos", "asin", "atan", "tan", "log10", "acosh", "asinh", "atanh", "sinh", "cosh"]
+Function = Literal["acos", "asin", "atan", "tan", "log10"]
 Precision = Literal["f32", "f64"]
 
 
