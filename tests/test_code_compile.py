@@ -361,6 +361,25 @@ def test_names_that_are_read_again_or_would_be_one_stay_until_the_end():
         one(values())
 
 
+@BOTH
+def test_what_is_written_twice_is_computed_once(portable):
+    body = "x = torch.exp(-torch.norm(a - b, dim=-1)) + 2.0 * torch.exp(-torch.norm(a - b, dim=-1))"
+    function = compile_reward(reward(body), VARIABLES, portable)
+    kinds = [node.kind().rstrip("_") for node in function._script.graph.nodes()]
+    assert kinds.count("aten::exp") == kinds.count("aten::linalg_vector_norm") == 1
+    states = values()
+    near = torch.exp(-torch.norm(states["a"] - states["b"], dim=-1))
+    torch.testing.assert_close(function(states)[0], 3.0 * near)
+
+
+@BOTH
+def test_two_tensors_that_are_alike_stay_two_where_one_is_changed(portable):
+    body = "x = torch.zeros_like(a[:, 0])\ny = torch.zeros_like(a[:, 0])\nx += 1.0\nx = x * 10.0 + y"
+    function = compile_reward(reward(body), VARIABLES, portable)
+    for _ in range(2):
+        assert function(values())[0].tolist() == [10.0] * 16
+
+
 @pytest.mark.parametrize(
     ("name", "plain"),
     [

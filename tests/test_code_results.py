@@ -46,8 +46,8 @@ def test_components_are_listed_where_their_names_are_written_out(source, names):
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
-        (mapping(result="[a[:, 0], b[:, 1]], [True, False], ['up', 'to go (m)']"), (("up", "to_go_m"), (True, False))),
-        (mapping("v = [a[:, 0]]", "v.append(b[:, 0])", result="v, [True, False], ['x', 'y']"), (("x", "y"), (True, False))),
+        (mapping(result="[a[:, 0], b[:, 1]], [True, False], ['up', 'to go (m)']"), (["up", "to_go_m"], [True, False])),
+        (mapping("v = [a[:, 0]]", "v.append(b[:, 0])", result="v, [True, False], ['x', 'y']"), (["x", "y"], [True, False])),
         (mapping("n = ['x']", "n.append('y')", result="[a[:, 0], b[:, 0]], [True, True], n"), None),
         (mapping(result="a[:, 0], True, 'x'"), None),
     ],
@@ -88,3 +88,39 @@ def test_progress_variables_keep_their_names_and_directions(portable):
 def test_a_total_that_is_its_own_component_is_one_tensor(portable):
     total, components = compile_reward(reward("x = a[:, 0]"), VARIABLES, portable)(values())
     assert components["x"] is total
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("result", "converted"),
+    [
+        ('x, {"x": x}', 0),
+        ('x > 0, {"x": x}', 1),
+        ('x, {"near": x > 0, "mean": x.mean(), "count": steps.sum()}', 4),
+        ("x.double(), {'x': x.half()}", 2),
+    ],
+)
+def test_what_is_no_vector_of_floats_is_made_one_in_the_graph_from_the_second_call_on(result, converted, portable):
+    function = compile_reward(reward("x = a[:, 0]", result=result, arguments="a, steps"), VARIABLES, portable)
+    before = len(list(function._graph.nodes()))
+    for rows in (16, 16, 16, 5, 5):
+        states = values(rows)
+        total, components = function(states)
+        for value in (total, *components.values()):
+            assert (value.dtype, value.shape) == (torch.float32, (rows,))
+        if "near" in components:
+            assert torch.equal(components["near"], (states["a"][:, 0] > 0).float())
+            assert torch.equal(components["mean"], states["a"][:, 0].mean().expand(rows))
+            assert torch.equal(components["count"], states["steps"].sum().float().expand(rows))
+    kinds = [node.kind() for node in list(function._graph.nodes())]
+    assert (len(kinds) > before) == bool(converted)
+    assert kinds.count("aten::to") + kinds.count("aten::expand") >= converted
+
+
+@BOTH
+def test_progress_variables_become_floats_in_the_graph(portable):
+    function = compile_mapping(mapping(result="[a[:, 0] > 0], [True], ['in front']"), VARIABLES, portable)
+    states = values()
+    for _ in range(3):
+        assert torch.equal(function(states)[0][0], (states["a"][:, 0] > 0).float())
+    assert "aten::to" in [node.kind() for node in function._graph.nodes()]

@@ -68,6 +68,18 @@ def compute_reward(a: Tensor, b: Tensor, q: Tensor) -> Tuple[Tensor, Dict[str, T
     total = 1.0 / (torch.abs(angle) + 0.1) - distance
     return total, {"total": total}
 """,
+    "truth values and one number": """
+def compute_reward(a: Tensor, b: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    distance = torch.norm(a - b, dim=-1)
+    near = distance < 0.1
+    reach = torch.exp(-distance)
+    return reach + 2.0 * near, {"reach": reach, "near": near, "mean distance": distance.mean()}
+""",
+    "written twice": """
+def compute_reward(a: Tensor, b: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
+    reward = torch.exp(-torch.norm(a - b, dim=-1)) - 0.1 * torch.norm(a - b, dim=-1)
+    return reward, {"near": torch.exp(-torch.norm(a - b, dim=-1)), "far": torch.norm(a - b, dim=-1)}
+""",
     "one column": """
 def compute_reward(a: Tensor) -> Tuple[Tensor, Dict[str, Tensor]]:
     r = a[:, 2]
@@ -93,8 +105,6 @@ HEAD = "import math\nimport torch\nimport torch.nn.functional as F\nfrom torch i
 TYPES = {"tensor": "Tensor", "int": "int", "float": "float", "device": "torch.device"}
 REPLIES = Path(__file__).parent / "replies"
 INDEX = [entry for entry in json.loads((REPLIES / "index.json").read_text()) if entry["check"] == "ok"]
-NO_VECTORS = "reward_scalar_component.md"
-"""Its components are one number and truth values, of which a call of ours makes vectors of floats."""
 
 
 def scripted_by_hand(source, path):
@@ -114,18 +124,6 @@ def without_self(source, variables):
     read = sorted({name for name in re.findall(r"self\.(\w+)", source) if name in {v.name for v in variables}})
     typed = ", ".join(f"{v.name}: {TYPES[v.kind]}" for v in sorted(variables, key=attrgetter("name")) if v.name in read)
     return re.sub(r"\(self[^)]*\)", f"({typed})", re.sub(r"self\.(\w+)", r"\1", source), count=1) if read else source
-
-
-def with_vectors(by_hand):
-    """Returns a reward whose components are vectors of floats, as a person would make them of what comes back."""
-
-    def call(*given):
-        total, components = by_hand(*given)
-        return total, {
-            name: (value if value.dim() else value.expand(len(total))).float() for name, value in components.items()
-        }
-
-    return call
 
 
 def compiled(source, variables, portable):
@@ -179,7 +177,6 @@ def test_the_good_replies_of_the_corpus_cost_at_most_15_percent_more_than_by_han
             by_hand(*given)
         except (RuntimeError, KeyError, NameError, SyntaxError, torch.jit.frontend.NotSupportedError):
             continue  # this reply asks for more than TorchScript gives
-        by_hand = with_vectors(by_hand) if entry["file"] == NO_VECTORS else by_hand
         ours = compiled(source, task.VARIABLES, portable)
         ratio = quiet_ratio(by_hand, given, ours, states, turns=150)
         ratios[name] = ratio if ratio <= 1.15 else quiet_ratio(by_hand, given, ours, states)
@@ -201,7 +198,7 @@ torch.where(a[:, 0] > 0.5, 1.0, 0.0) | (a[:, 0] > 0.5).float() | torch.any(a > 0
 torch.cat([a, b], dim=-1)[:, 2] | torch.stack([a[:, 0], b[:, 0]], dim=-1).max(dim=-1)[0] | torch.max(a, dim=-1).values
 torch.bmm(a.unsqueeze(1), b.unsqueeze(2)).squeeze(-1).squeeze(-1) | torch.einsum('ij,ij->i', a, b) | torch.matmul(a, b[0])
 torch.norm(a - b, dim=-1) | torch.norm(a - b, p=2, dim=-1) | torch.norm(a - b, p=1, dim=-1) | torch.exp(-torch.norm(a - b, dim=-1))
-torch.cross(a, b, dim=-1)[:, 0] | torch.sum(torch.square(a - b), dim=-1) | (a * b).sum(-1) | torch.lerp(a[:, 0], b[:, 0], 0.5)
+torch.cross(a, b, dim=-1)[:, 0] | torch.sum(torch.square(a - b), dim=-1) | (a * b).sum(-1) | torch.lerp(a[:, 0], b[:, 0], 0.5) | a[:, 0] * float(a.mean()) | a[:, 0][a[:, 1] > -9]
 """
 """Short expressions as models write them."""
 PATTERNS = """

@@ -15,7 +15,7 @@ from porse.code.graph import has_fixed_shapes
 from porse.code.names import plain_name
 from porse.code.numbers import hold_numbers
 from porse.code.portable import make_portable
-from porse.code.results import Around, list_components, list_progress
+from porse.code.results import Components, Progress, list_components, list_progress, make_vectors
 from porse.code.reuse import reuse_memory
 from porse.code.script import Script, script, translate
 from porse.code.verdict import CodeError
@@ -43,16 +43,22 @@ class _Function(ABC, Generic[Results]):
         self._script = compiled
         self._variables = variables
         self._tensor = next((name for name in self.arguments if variables[name].kind == "tensor"), "")
-        graph = compiled.graph.copy()
-        self._around = self._list_results(graph)
-        self._run = replace(compiled, graph=graph).callable()
+        self._graph = compiled.graph.copy()
+        """The graph that runs."""
+        listed = self._list_results(self._graph)
+        self._is_listed = listed is not None
+        self._assemble: Callable[[Any], Any] = listed.assemble if listed else _as_it_is
+        """Makes of what the graph returns what the function returned."""
+        self._run = replace(compiled, graph=self._graph).callable()
         self._fixed = has_fixed_shapes(compiled.graph)
         self._pick: Callable[[Mapping[str, Any]], Any] = itemgetter(*self.arguments) if self.arguments else _nothing
         self._takes_one = len(self.arguments) == 1
+        self._is_plain = False
+        """Whether the function's results come in their plain form."""
         self._seen_for = -1
         """For which size of its first tensor results are known to be right: to look at each costs as much as a short function."""
-        self._is_plain = False
-        """Whether those results come in their plain form."""
+        self._finish: Callable[[Any], Any] = self._assemble
+        """Makes of what the graph returns, where it is known to be right, the results in their plain form."""
 
     def portable(self) -> Self:
         """Returns the same function with the operators replaced whose bits depend on the CPU's vendor."""
@@ -77,29 +83,34 @@ class _Function(ABC, Generic[Results]):
             _set_optimiser(False)
         try:
             picked = self._pick(variables)
-            result = self._run(picked) if self._takes_one else self._run(*picked)
-            if self._around is not None:
-                result = self._assemble(result, self._around)
+            returned = self._run(picked) if self._takes_one else self._run(*picked)
         except Exception as error:  # whatever TorchScript raises, the function has failed
             raise translate(error, self._script.lines, "run") from None
         size = variables[self._tensor].numel() if self._tensor else 0
-        if size == self._seen_for and self._is_plain:
-            return result
-        num_envs = variables[self._tensor].shape[0] if self._tensor else 0
         if size == self._seen_for:
-            return self._plain(result, num_envs)
-        looked = self._look(result, num_envs)
-        self._seen_for = size if self._fixed else -1
+            return self._finish(returned)
+        num_envs = variables[self._tensor].shape[0] if self._tensor else 0
+        looked = self._look(self._assemble([*returned] if self._is_listed else returned), num_envs)
+        if self._fixed:
+            self._settle(returned, size, num_envs)
         return looked
+
+    def _settle(self, returned: Any, size: int, num_envs: int) -> None:
+        """Has results for this size come without a look from now on, or has the graph make them plain before."""
+        if self._is_listed and self._tensor and not self._is_plain:
+            graph = self._graph.copy()
+            if make_vectors(graph, returned, self.arguments.index(self._tensor)):
+                self._graph = graph
+                self._run = replace(self._script, graph=graph).callable()
+                self._seen_for = -1
+                return
+        self._seen_for = size
+        self._finish = self._assemble if self._is_plain else lambda later: self._plain(self._assemble(later), num_envs)
 
     @staticmethod
     @abstractmethod
-    def _list_results(graph: Any) -> Around | None:
+    def _list_results(graph: Any) -> Components | Progress | None:
         """Makes a graph return one list of tensors, in place, where it can."""
-
-    @abstractmethod
-    def _assemble(self, tensors: list[Tensor], around: Around) -> Results:
-        """Returns the results as the function wrote them, of such a list."""
 
     @abstractmethod
     def _look(self, result: Any, num_envs: int) -> Results:
@@ -154,10 +165,6 @@ class RewardFunction(_Function[tuple[Tensor, dict[str, Tensor]]]):
         super().__init__(compiled, variables)
         self._names: tuple[str, ...] = ()
 
-    def _assemble(self, tensors: list[Tensor], around: Around) -> tuple[Tensor, dict[str, Tensor]]:
-        total = tensors.pop()
-        return total, dict(zip(around.names, tensors))  # noqa: B905 a tenth of a microsecond; they are as many
-
     def _look(self, result: Any, num_envs: int) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns a result in its plain form, or says what is wrong with it."""
         if self._is_plain and tuple(result[1]) == self._names and _are_plain(num_envs, result[0], *result[1].values()):
@@ -201,9 +208,6 @@ class MappingFunction(_Function[tuple[list[Tensor], list[bool], list[str]]]):
         super().__init__(compiled, variables)
         self._flags: list[bool] = []
         self._names: list[str] = []
-
-    def _assemble(self, tensors: list[Tensor], around: Around) -> tuple[list[Tensor], list[bool], list[str]]:
-        return tensors, list(around.rises), list(around.names)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -279,6 +283,10 @@ def compile_mapping(source: str, variables: Sequence[Variable], portable: bool) 
     return function.portable() if portable else function
 
 
+def _as_it_is(result: Any) -> Any:
+    return result
+
+
 def _nothing(variables: Mapping[str, Any]) -> tuple[()]:
     del variables
     return ()
@@ -286,7 +294,10 @@ def _nothing(variables: Mapping[str, Any]) -> tuple[()]:
 
 def _are_plain(num_envs: int, *values: Tensor) -> bool:
     """Returns whether each is (num_envs,) and float32; what came so once is of tensors ever after."""
-    return all(value.dtype is torch.float32 and value.shape == (num_envs,) for value in values)
+    for value in values:  # three questions that cost less than one for the shape
+        if value.dtype is not torch.float32 or value.dim() != 1 or value.numel() != num_envs:
+            return False
+    return True
 
 
 def _float(value: Tensor) -> Tensor:

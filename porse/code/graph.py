@@ -83,7 +83,9 @@ def line_of(node: Any) -> int:
 
 
 def flatten(function: Any) -> Any:
-    """Returns a copy of a compiled function's graph, checked, with calls inlined and numbers folded; what nothing needs is gone.
+    """Returns a copy of a compiled function's graph, checked, with calls inlined and numbers folded.
+
+    What nothing needs is gone, and what is written twice stands there once.
 
     Raises:
         CodeError: an operator is not on the list; check "static".
@@ -101,6 +103,7 @@ def flatten(function: Any) -> Any:
         _fold_numbers(graph)
         torch._C._jit_pass_peephole(graph, False)
     _drop_whole_slices(graph)
+    torch._C._jit_pass_cse(graph)  # what is written twice is computed once: the same bits
     return graph
 
 

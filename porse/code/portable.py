@@ -167,7 +167,7 @@ def _pow(to: _Builder, x: Any, exponent: Any) -> Any:
             return _on_dense(to, x, exponent)
         if exponent.type().str() == "float":
             return to.op("pow", x, to.op("scalar_tensor", exponent, *[to.constant(None)] * 4))
-    return None  # a power of tensors takes three times as long through Sleef as through the C library
+    return None  # dense copies of both tensors, and Sleef, take 1.35 times as long as columns in the C library
 
 
 _BY_SLEEF: dict[str, sleef.Function] = {
