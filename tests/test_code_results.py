@@ -118,6 +118,28 @@ def test_what_is_no_vector_of_floats_is_made_one_in_the_graph_from_the_second_ca
 
 
 @BOTH
+@pytest.mark.parametrize(
+    "body",
+    [
+        ["v = [a[:, 0] > 0]", "v.append(b[:, 0] > 0)", "v.append(v[0] & v[1])"],
+        ["v = [a[:, 0] > 0, b[:, 0] > 0]", "v.append(v[0] & v[1])"],
+        ["w = [a[:, 0] > 0, b[:, 0] > 0]", "v = [w[0], w[1], w[0] & w[1]]"],
+        ["v = [a[:, 0] > 0, b[:, 0] > 0, a[:, 0] > 9]", "v[2] = v[0] & v[1]"],
+    ],
+)
+def test_truth_values_in_a_list_that_is_filled_or_read_become_floats_for_the_caller_alone(body, portable):
+    source = mapping(*body, result="v, [True, True, True], ['x', 'y', 'both']")
+    function, states = compile_mapping(source, VARIABLES, portable), values()
+    x, y = states["a"][:, 0] > 0, states["b"][:, 0] > 0
+    for _ in range(3):
+        progress, _, names = function(states)
+        assert names == ["x", "y", "both"]
+        assert [value.dtype for value in progress] == [torch.float32] * 3
+        for found, expected in zip(progress, (x, y, x & y), strict=True):
+            assert torch.equal(found, expected.float())
+
+
+@BOTH
 def test_progress_variables_become_floats_in_the_graph(portable):
     function = compile_mapping(mapping(result="[a[:, 0] > 0], [True], ['in front']"), VARIABLES, portable)
     states = values()

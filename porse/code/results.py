@@ -79,11 +79,12 @@ def make_vectors(graph: Any, found: Sequence[torch.Tensor], tensor: int) -> bool
         tensor: the position of an argument that has a row for each environment.
 
     Returns:
-        Whether anything had to be made.
+        Whether anything had to be made and could be: not of a list that the function fills or reads itself.
     """
     listed = next(graph.outputs()).node()
     other = [value.dim() == 0 or value.dtype is not torch.float32 for value in found]
-    if listed.kind() != "prim::ListConstruct" or not any(other):
+    is_grown = listed.kind() != "prim::ListConstruct" or listed.inputsSize() != len(found)
+    if is_grown or len(listed.output().uses()) > 1 or not any(other):
         return False
     to = _Writer(graph, listed)
     rows = to.op("aten::size", [list(graph.inputs())[tensor], to.constant(0)], torch._C.IntType.get())
