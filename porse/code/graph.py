@@ -53,6 +53,28 @@ def nodes(block: Any) -> Iterator[Any]:
             yield from nodes(inner)
 
 
+class Writer:
+    """Writes nodes in front of one node, which is `node`."""
+
+    def __init__(self, graph: Any, node: Any) -> None:
+        self.node = node
+        self._graph = graph
+
+    def op(self, name: str, *inputs: Any, type_: Any = None) -> Any:
+        """Returns the output of a new operator, one of torch's and a tensor where nothing else is said."""
+        new = self._graph.create(name if "::" in name else f"aten::{name}", list(inputs), 1)
+        new.insertBefore(self.node)
+        new.copyMetadata(self.node)
+        new.output().setType(type_ or torch._C.TensorType.get())
+        return new.output()
+
+    def constant(self, value: Any) -> Any:
+        """Returns a constant."""
+        constant = self._graph.insertConstant(value)
+        constant.node().moveBefore(self.node)
+        return constant
+
+
 def has_fixed_shapes(graph: Any) -> bool:
     """Returns whether the shapes and types of results follow from those of the arguments, whatever numbers are in them."""
     return not any(_follows_numbers(node) for node in nodes(graph))

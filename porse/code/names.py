@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 from porse.code.contract import MAX_NAME_CHARACTERS
+from porse.code.graph import Writer
 
 
 @lru_cache(maxsize=1024)
@@ -33,18 +34,12 @@ def _hold(graph: Any, part: Any) -> None:
         return
     values = [plain_name(value.toIValue()) if _constant_type(value) == "str" else value.toIValue() for value in given]
     if step == 1:
-        part.replaceAllUsesWith(_constant(graph, values, holder))
+        part.replaceAllUsesWith(Writer(graph, holder).constant(values))
         holder.destroy()
     elif len(set(values)) == len(values):
         for position, value in enumerate(values):
-            holder.replaceInput(2 * position, _constant(graph, value, holder))
+            holder.replaceInput(2 * position, Writer(graph, holder).constant(value))
 
 
 def _constant_type(value: Any) -> str:
     return str(value.type().str()) if value.node().kind() == "prim::Constant" else ""
-
-
-def _constant(graph: Any, value: Any, before: Any) -> Any:
-    constant = graph.insertConstant(value)
-    constant.node().moveBefore(before)
-    return constant

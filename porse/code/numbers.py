@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from porse.code.contract import words
-from porse.code.graph import nodes
+from porse.code.graph import Writer, nodes
 
 _OPERATORS = words("add sub mul div add_ sub_ mul_ div_ lt le gt ge eq ne")
 _ALWAYS_FLOATS = words("""
@@ -39,8 +39,7 @@ def hold_numbers(graph: Any) -> None:
         if second.node().kind() == "prim::Constant":
             number = second.toIValue()
             if type(number) is float or (type(number) is int and first.debugName() in floats):
-                held = graph.insertConstant(torch.tensor(number, dtype=torch.float32))
-                held.node().moveBefore(node)
+                held = Writer(graph, node).constant(torch.tensor(number, dtype=torch.float32))
                 node.replaceInput(1, held)
 
 
@@ -54,21 +53,13 @@ def hold_tensors(graph: Any) -> None:
         tensor = _tensor_of(_written_out(data), dtype)
         if tensor is None or writes.has_writers(node.output()):
             continue
-        held = graph.insertConstant(tensor)
-        held.node().moveBefore(node)
-        node.output().replaceAllUsesWith(held if device.node().mustBeNone() else _on_device(graph, node, held, device))
+        to = Writer(graph, node)
+        held, no = to.constant(tensor), to.constant(False)
+        if not device.node().mustBeNone():  # known in a call; where it is already there, nothing happens
+            held = to.op("to", held, device, to.constant(None), no, no)
+        node.output().replaceAllUsesWith(held)
         node.destroy()
     torch._C._jit_pass_dce(graph)  # the lists of those numbers
-
-
-def _on_device(graph: Any, before: Any, held: Any, device: Any) -> Any:
-    """Returns a constant on a device that is known when the function is called: where it is already, nothing happens."""
-    no, usual = graph.insertConstant(False), graph.insertConstant(None)
-    moved = graph.create("aten::to", [held, device, usual, no, no], 1)
-    for node in (no.node(), usual.node(), moved):
-        node.moveBefore(before) if node.kind() == "prim::Constant" else node.insertBefore(before)
-    moved.output().setType(torch._C.TensorType.get())
-    return moved.output()
 
 
 def _tensor_of(numbers: Any, dtype: Any) -> torch.Tensor | None:

@@ -15,7 +15,7 @@ import torch
 
 from porse.code import sleef
 from porse.code.contract import words
-from porse.code.graph import nodes
+from porse.code.graph import Writer, nodes
 from porse.code.numbers import is_single
 
 _FLOAT32, _FLOAT64 = 6, 7
@@ -45,32 +45,12 @@ def make_portable(graph: Any) -> None:
                 node.destroy()
 
 
-class _Builder:
-    """Writes nodes in front of one node.
-
-    Attributes:
-        node: the node.
-        single: whether every tensor of floats in the graph is float32.
-    """
+class _Builder(Writer):
+    """Writes nodes in front of one; `single` says whether every tensor of floats in the graph is float32."""
 
     def __init__(self, graph: Any, node: Any, single: bool) -> None:
-        self._graph = graph
-        self.node = node
+        super().__init__(graph, node)
         self.single = single
-
-    def op(self, name: str, *inputs: Any) -> Any:
-        """Returns the output of a new operator on tensors, one of torch's where the name does not say otherwise."""
-        new = self._graph.create(name if "::" in name else f"aten::{name}", list(inputs), 1)
-        new.insertBefore(self.node)
-        new.copyMetadata(self.node)
-        new.output().setType(torch._C.TensorType.get())
-        return new.output()
-
-    def constant(self, value: Any) -> Any:
-        """Returns a constant."""
-        constant = self._graph.insertConstant(value)
-        constant.node().moveBefore(self.node)
-        return constant
 
 
 def _sqrt(to: _Builder, x: Any) -> Any:

@@ -10,6 +10,8 @@ from typing import Any
 
 import torch
 
+from porse.code.graph import Writer
+
 _FLOAT32 = 6
 """TorchScript's number for float32."""
 
@@ -50,10 +52,8 @@ def list_components(graph: Any) -> Components | None:
     are_names = all(isinstance(name, str) for name in names) and len({*names}) == len(names)
     if not are_names or not all(map(_is_tensor, tensors)):
         return None
-    listed = _Writer(graph, next(graph.outputs()).node()).op(
-        "prim::ListConstruct", tensors, torch._C.ListType.ofTensors()
-    )
-    _return(graph, listed)
+    to = Writer(graph, next(graph.outputs()).node())
+    _return(graph, to.op("prim::ListConstruct", *tensors, type_=torch._C.ListType.ofTensors()))
     holder.destroy()
     return Components(names)
 
@@ -86,39 +86,18 @@ def make_vectors(graph: Any, found: Sequence[torch.Tensor], tensor: int) -> bool
     is_grown = listed.kind() != "prim::ListConstruct" or listed.inputsSize() != len(found)
     if is_grown or len(listed.output().uses()) > 1 or not any(other):
         return False
-    to = _Writer(graph, listed)
-    rows = to.op("aten::size", [list(graph.inputs())[tensor], to.constant(0)], torch._C.IntType.get())
-    sizes = to.op("prim::ListConstruct", [rows], torch._C.ListType.ofInts())
+    to = Writer(graph, listed)
+    rows = to.op("size", list(graph.inputs())[tensor], to.constant(0), type_=torch._C.IntType.get())
+    sizes = to.op("prim::ListConstruct", rows, type_=torch._C.ListType.ofInts())
     no, usual, floats = to.constant(False), to.constant(None), to.constant(_FLOAT32)
     for position, value in enumerate(found):
         made = listed.inputsAt(position)
         if value.dim() == 0:
-            made = to.op("aten::expand", [made, sizes, no])
+            made = to.op("expand", made, sizes, no)
         if value.dtype is not torch.float32:
-            made = to.op("aten::to", [made, floats, no, no, usual])
+            made = to.op("to", made, floats, no, no, usual)
         listed.replaceInput(position, made)
     return True
-
-
-class _Writer:
-    """Writes nodes in front of one node."""
-
-    def __init__(self, graph: Any, node: Any) -> None:
-        self._graph = graph
-        self._node = node
-
-    def op(self, kind: str, inputs: list[Any], type_: Any = None) -> Any:
-        """Returns the output of a new operator, a tensor if nothing else is said."""
-        new = self._graph.create(kind, inputs, 1)
-        new.insertBefore(self._node)
-        new.output().setType(type_ or torch._C.TensorType.get())
-        return new.output()
-
-    def constant(self, value: Any) -> Any:
-        """Returns a constant."""
-        constant = self._graph.insertConstant(value)
-        constant.node().moveBefore(self._node)
-        return constant
 
 
 def _returned(graph: Any, count: int) -> list[Any]:

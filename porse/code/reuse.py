@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from porse.code.contract import words
+from porse.code.graph import Writer
 from porse.code.numbers import certain_floats, is_single
 
 ALONE = words("abs cos exp log log1p neg reciprocal rsqrt sigmoid sin square tanh")
@@ -33,12 +34,9 @@ def reuse_memory(graph: Any) -> None:
             if name == "mul" and _is_one(values[1]):
                 node.output().replaceAllUsesWith(values[0])
             else:
-                written = graph.create(f"aten::{name}_", values, 1)
-                written.insertBefore(node)
-                written.copyMetadata(node)
-                written.output().setType(node.output().type())
-                floats.add(written.output().debugName())
-                node.output().replaceAllUsesWith(written.output())
+                written = Writer(graph, node).op(f"{name}_", *values, type_=node.output().type())
+                floats.add(written.debugName())
+                node.output().replaceAllUsesWith(written)
             node.destroy()
 
 
