@@ -129,3 +129,10 @@ def test_what_is_no_tensor_is_a_verdict(expression):
     """Whatever torch says of it in a call; it does not fail while it is compiled."""
     with contextlib.suppress(CodeError):
         compile_reward(reward(f"w = torch.tensor({expression})", "x = a[:, 0] * w.sum()"), VARIABLES, False)(values(5))
+
+
+@pytest.mark.parametrize("fill", ["n.append(3.0)", "n[1] = 3.0", "for i in range(2):\n    n.append(3.0)"])
+def test_a_list_that_is_filled_later_is_no_list_that_is_written_out(fill):
+    function = compile_reward(reward("n = [1.0, 2.0]", fill, "x = a[:, 0] * torch.tensor(n).sum()"), VARIABLES, True)
+    states, total = values(5), {"n.append(3.0)": 6.0, "n[1] = 3.0": 4.0}.get(fill, 9.0)
+    assert torch.equal(function(states)[0], states["a"][:, 0] * total)

@@ -77,7 +77,7 @@ def _written_out(value: Any) -> Any:
     if value.node().kind() == "prim::Constant":
         number = value.toIValue()
         return number if isinstance(number, int | float) else None
-    if value.node().kind() != "prim::ListConstruct":
+    if value.node().kind() != "prim::ListConstruct" or len(value.uses()) > 1:  # who else has the list may fill it
         return None
     numbers = [_written_out(item) for item in value.node().inputs()]
     return numbers if numbers and not any(number is None for number in numbers) else None
