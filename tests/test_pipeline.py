@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import threading
@@ -23,6 +24,11 @@ from porse.training import evaluation
 from scripted import answer
 from tiny import BIN, QUIET, committed_params, dvc, make_project, run
 from warm_stages import warm_stages
+
+STOPPED_BY_A_PIPE = """#!/bin/sh
+case "$*" in *"--rung mutants"*) mkdir -p "{folder}"; mkfifo "{pipe}" ;; esac
+exec "{python}" "$@"
+"""
 
 
 def tiny_params() -> dict:
@@ -164,10 +170,29 @@ def test_a_parameter_of_mutate_concerns_only_what_depends_on_it(recorded):
     assert sorted(status) == ["mutate@0", "mutate@1", "summarise"]
 
 
+def processes_in(folder: Path) -> list[str]:
+    """The living processes whose working directory is `folder`."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdecimal() and (entry / "cwd").readlink() == folder:
+                found.append(entry.name)
+        except (FileNotFoundError, PermissionError):
+            # It has ended, or is another user's.
+            continue
+    return found
+
+
 def test_killed_and_started_again_elsewhere_it_ends_with_the_same_lock(recorded, warm, tmp_path):
     clone = tmp_path / "another place" / "clone"
     git(recorded, "clone", "-q", str(recorded), str(clone))
-    (clone / ".venv").symlink_to(BIN.parent)
+    # The mutants' stage finds a pipe that nobody reads where its table goes: it trains, and cannot end before the kill.
+    trained = clone / "run" / "1" / "train-mutants"
+    table = trained / "candidates.parquet"
+    python = clone / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(STOPPED_BY_A_PIPE.format(folder=trained, pipe=table, python=BIN / "python"))
+    python.chmod(0o755)
     other = {
         "PORSE_WORKERS": "1", "TZ": "Asia/Kathmandu", "LC_ALL": "C", "PYTHONHASHSEED": "123", "PORSE_LLM_MODE": "frozen",
     }  # fmt: skip
@@ -176,18 +201,21 @@ def test_killed_and_started_again_elsewhere_it_ends_with_the_same_lock(recorded,
         command, cwd=clone, env={**os.environ, **QUIET, **other}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     deadline = time.monotonic() + 120
-    while not (clone / "run" / "1" / "train-mutants").exists():
+    while not list(trained.glob("policies/*")):
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    time.sleep(0.5)
-    assert not (clone / "run" / "1" / "train-mutants" / "candidates.parquet").exists(), (
-        "killed too late to mean anything"
-    )
+    while processes_in(clone):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    # A pipe would stop DVC as well; a table that was cut off is what a kill can leave.
+    assert table.is_fifo()
+    table.unlink()
+    table.write_bytes(b"PAR1")
     # The rest is run by the warm server, to save time.
-    (clone / ".venv").unlink()
+    shutil.rmtree(clone / ".venv")
     (clone / ".venv").symlink_to(warm)
     done = run(clone, "sh", "-c", f"umask 077; exec {BIN / 'dvc'} repro", **other)
     ran = re.findall(r"Running stage '([^']+)'", done.stdout)
