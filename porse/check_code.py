@@ -50,6 +50,7 @@ def _read(name: str) -> str:
 def _line(name: str, verdict: Verdict) -> str:
     """Returns the verdict for people, like a compiler's message."""
     if not verdict.passed:
-        return f"{name}:{verdict.line}: refused ({verdict.check}): {verdict.message}"
+        place = f"{name}:{verdict.line}" if verdict.line else name
+        return f"{place}: refused ({verdict.check}): {verdict.message}"
     flags = [f"{n} {'rises' if r else 'falls'}" for n, r in zip(verdict.names, verdict.rises, strict=False)]
     return f"{name}: accepted: {', '.join(flags or verdict.names)}"

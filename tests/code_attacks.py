@@ -63,6 +63,9 @@ ATTACKS: dict[str, str] = {
     "annotation_as_text": _body().replace("(a, b)", "(a: \"open('CANARY', 'w')\", b)"),
     "annotation_of_local": _body('y: open("CANARY", "w") = 1.0'),
     "constant": _around('T = open("CANARY", "w")').replace("a[:, 0] +", "T * a[:, 0] +"),
+    "constant_of_lines": _around("T = [", '    open("CANARY", "w"),', "]").replace("a[:, 0] +", "T[0] * a[:, 0] +"),
+    "constant_tensor": _around('T = torch.tensor(open("CANARY", "w"))').replace("a[:, 0] +", "T * a[:, 0] +"),
+    "statement_of_lines": _around("open(", '    "CANARY", "w"', ")"),
     "class_body": "class R:\n    y = open('CANARY', 'w')\n" + "".join(f"    {line}\n" for line in _body().splitlines()),
     "inner_class": _body("class R:\n    y = open('CANARY', 'w')"),
     "docstring_goes_on": _body('"""Text.""" + open("CANARY", "w").read()'),
@@ -109,6 +112,28 @@ ATTACKS: dict[str, str] = {
     "doubling_in_large_runs": _body("if a.shape[0] > 3000:\n    for i in range(60):\n        x = torch.cat([x, x])"),
     "doubling_text": _body('s = "ab"', "for i in range(60):\n    s = s + s"),
     "doubling_list": _body("y = [x]", "for i in range(60):\n    for z in y:\n        y.append(z)", "x = x + len(y)"),
+    "doubling_list_by_addition": _body("y = [x]", "for i in range(60):\n    y = y + y", "x = x + len(y)"),
+    "doubling_list_in_place": _body("y = [x]", "for i in range(60):\n    y += y", "x = x + len(y)"),
+    "doubling_list_when_far": _body(
+        "y = [x]", "for i in range(60):\n    if x.mean() > 1e6:\n        y = y + y", "x = x + len(y)"
+    ),
+    "list_of_lists": _body("y = [0.0] * 10000000", "z = [y] * 10000000 + [y] * 10000000", "x = x + len(z)"),
+    "size_grown_when_far": _body(
+        "n = 1", "for i in range(9):\n    if x.mean() > 1e6:\n        n = n * 10", "x = x + torch.zeros(n).sum()"
+    ),
+    "size_grown_until_far": _body(
+        "n = 1",
+        "for i in range(9):\n    if x.mean() < 1e6:\n        break\n    n = n * 10",
+        "x = x + torch.zeros(n).sum()",
+    ),
+    "rounds_grown_when_far": _body(
+        "n = 1",
+        "for i in range(9):\n    if x.mean() > 1e6:\n        n = n * 10",
+        "for i in range(n):\n    x = x + 1.0",
+    ),
+    "size_carried_through_a_loop": _body(
+        "n = 1", "for i in range(3):\n    n = int(x.sum() * 1e12)\n    x = x + 1", "x = x + torch.zeros(n).sum()"
+    ),
     "huge_tensor": _body("y = torch.zeros(1000000, 1000000)", "x = x + y.sum()"),
     "huge_range": _body("y = torch.arange(100000000000)", "x = x + y.sum()"),
     "huge_repeat": _body("y = x.repeat(1000000, 1000)", "x = x + y.sum()"),

@@ -126,7 +126,7 @@ def test_cross_takes_the_last_dimension_even_for_three_environments():
 def test_new_tensors_are_made_on_the_device_of_the_inputs(source, device):
     table = {variable.name: variable for variable in VARIABLES}
     program = parse_program(source)
-    assert f"device={device})" in emit(program, check_program(program, table), table).text
+    assert f"device={device})" in emit(program, check_program(program, table), table, {}).text
 
 
 def test_integer_defaults_become_what_they_are_annotated_as():
@@ -219,6 +219,11 @@ def test_what_fails_in_a_helper_has_the_line_of_the_helper():
         "y = a\nfor i in range(num_envs - 4):\n    y = y + 1\ny[0] = 0.0\nx = y[:, 0]",
         "y = a.contiguous()\ny.clamp_(0.0, 1.0)\nx = y[:, 0]",
         "a[:] = 0.0\nx = a[:, 0]",
+        "ys = [b * 1]\nys += [a]\nys[1][0] = 0.0\nx = b[:, 0]",
+        "ys = [b * 1] + [a]\nys[1][0] = 0.0\nx = b[:, 0]",
+        "ys = [a] * 2\nys[1][0] = 0.0\nx = b[:, 0]",
+        "d = {**{'a': a}}\nd['a'][0] = 1.0\nx = b[:, 0]",
+        "y = 0.0\nfor i in range(3):\n    y = y + a[:, i]\na += 1\nx = y",
     ],
 )
 def test_changing_an_input_is_found_through_every_chain(body):
@@ -237,6 +242,7 @@ def test_changing_an_input_is_found_through_every_chain(body):
         "x = torch.where(a[:, 0] > 1, a[:, 0], b[:, 0])\nx[0] = 1.0",
         "x = a\nx = x[:, 0] + 1\nx -= b[:, 0]",
         "x, i = torch.max(a, dim=-1)\nx += 1",
+        "ys = [a * 1] + [b]\nys[0][0] = 0.0\nx = ys[0][:, 0]",
     ],
 )
 def test_changing_tensors_of_its_own_is_accepted(body):

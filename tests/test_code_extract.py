@@ -54,6 +54,18 @@ def test_helpers_and_constants_come_along_when_they_are_read():
     assert found.lines == (1, 7, 7, 8, 10, 10, 11)
 
 
+def test_constants_of_several_lines_come_along():
+    reply = "(The weights\nW = {\n    'near': 1.0,  # most\n    'far': 0.5,\n}\nU = [\n    1,\n]\n\ndef compute_reward(a):\n    return W['far'] * a, {}\n"
+    found = extract(reply, "reward")
+    assert found.source.startswith("W = {\n'near': 1.0,  # most\n'far': 0.5,\n}\n\ndef compute_reward")
+    assert found.lines == (2, 3, 4, 5, 10, 10, 11)
+
+
+def test_an_open_bracket_in_prose_swallows_nothing():
+    reply = "Reward (see below:\nT = 0.5\n\ndef compute_reward(a):\n    return a / T, {}\n"
+    assert extract(reply, "reward").source.startswith("T = 0.5\n")
+
+
 def test_unusual_imports_come_along():
     reply = "import torch\nimport torch.nn.functional as fn\ndef compute_reward(a):\n    return fn.relu(a), {}\n"
     assert extract(reply, "reward").source.startswith("import torch.nn.functional as fn\n\ndef")

@@ -69,7 +69,7 @@ class _Flow:
             for before, inside, result, after in zip(inputs[2:], inner, results, outputs, strict=True):
                 self._add(inside, [before, result])
                 self._add(after, [before, result])
-        elif kind in _FILLS:
+        elif kind in _FILLS or (kind == "aten::add_" and inputs[0].type().str() != "Tensor"):
             self._add(inputs[0], inputs[1:])
             for output in outputs:
                 self._add(output, inputs[:1])

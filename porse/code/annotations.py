@@ -19,6 +19,8 @@ _SPELLING = {
     **dict.fromkeys(("Dict", "dict"), "Dict"),
     "device": "Device",
 }
+_GENERIC = ("List", "Tuple", "Dict", "Optional")
+_OF_TENSORS = {"List": "List[Tensor]", "Dict": "Dict[str, Tensor]"}
 _ACCEPTED = frozenset([*_SPELLING, "Union", "Any", "torch", "typing", "None", "Final", "Sequence", "jit"])
 
 
@@ -42,8 +44,13 @@ def check_annotation(node: ast.expr) -> None:
             raise CodeError("static", f"{type(part).__name__} is not allowed in an annotation", node.lineno)
 
 
+def argument_type(node: ast.expr) -> str:
+    """Returns TorchScript's type of a helper's argument, "" for one that it does not know; `dict` alone holds tensors."""
+    return type_text(node) or _OF_TENSORS.get(_spelling(node), "")
+
+
 def type_text(node: ast.expr | None) -> str:
-    """Returns TorchScript's spelling of an annotation, "" for one that it does not know; nothing is a Tensor."""
+    """Returns TorchScript's spelling of an annotation, "" for one that says too little; nothing is a Tensor."""
     if node is None:
         return "Tensor"
     if isinstance(node, ast.Constant):
@@ -52,10 +59,15 @@ def type_text(node: ast.expr | None) -> str:
         sides = [type_text(side) for side in (node.left, node.right) if not isinstance(side, ast.Constant)]
         return f"Optional[{sides[0]}]" if len(sides) == 1 and sides[0] else ""
     if isinstance(node, ast.Subscript):
-        outer = type_text(node.value)
+        outer = _spelling(node.value)
         inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         parts = [type_text(part) for part in inner]
         return f"{outer}[{', '.join(parts)}]" if outer and all(parts) else ""
+    name = _spelling(node)
+    return "" if name in _GENERIC else name
+
+
+def _spelling(node: ast.expr) -> str:
     name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
     return _SPELLING.get(name, "")
 

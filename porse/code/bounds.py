@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from porse.code.contract import MAX_ELEMENTS, MAX_ROUNDS, words
+from porse.code.contract import MAX_ELEMENTS, MAX_LOOP, MAX_ROUNDS, words
 from porse.code.graph import line_of, nodes
 from porse.code.verdict import CodeError
 
@@ -34,12 +34,14 @@ def check_bounds(graph: Any) -> None:
         _check_whole_numbers(node)
         if node.kind() in _MAKERS:
             _check_made(node)
+        if node.kind() == "aten::mul" and "[]" in node.output().type().str():
+            _check_repeated(node)
     _check_loops(graph, 1)
 
 
 def _check_whole_numbers(node: Any) -> None:
     kind = node.kind()
-    if kind in _SHAPES or kind == "aten::item":
+    if kind in _SHAPES or kind in ("aten::item", "prim::Loop"):  # what a loop makes is made by a node in it
         return
     if kind == "aten::arange":
         made = [value for value in node.inputs() if value.type().str() != "int" and _is_data(value)]
@@ -72,6 +74,12 @@ def _check_made(node: Any) -> None:
         sizes += [abs(n) for n in numbers]
     if any(size > MAX_ELEMENTS for size in sizes):
         raise CodeError("static", f"a tensor of more than {MAX_ELEMENTS} numbers is not allowed", line_of(node))
+
+
+def _check_repeated(node: Any) -> None:
+    times = [value.toIValue() for value in node.inputs() if value.node().kind() == "prim::Constant"]
+    if any(isinstance(number, int) and number > MAX_LOOP for number in times):
+        raise CodeError("static", f"a list that is repeated more than {MAX_LOOP} times is not allowed", line_of(node))
 
 
 def _check_loops(block: Any, outer: int) -> None:

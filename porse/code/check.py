@@ -14,7 +14,7 @@ from porse.code.allowed import (
     check_literal,
     check_range,
     check_text,
-    is_sequence,
+    is_text,
     path_allowed,
     unknown_name,
     unknown_variable,
@@ -196,8 +196,8 @@ class _FunctionCheck:
 
     def _binop(self, node: ast.BinOp) -> None:
         sides = (node.left, node.right)
-        if isinstance(node.op, ast.Mult | ast.Mod) and any(is_sequence(side) for side in sides):
-            raise CodeError("static", "lists and texts cannot be multiplied or formatted with %", node.lineno)
+        if isinstance(node.op, ast.Mult | ast.Mod) and any(is_text(side) for side in sides):
+            raise CodeError("static", "texts cannot be multiplied or formatted with %", node.lineno)
         self._below(node)
 
     def _name(self, node: ast.Name) -> None:

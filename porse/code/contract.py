@@ -56,7 +56,7 @@ MAX_TREE_DEPTH = 60
 MAX_INTEGER = 10_000_000
 """Largest integer literal."""
 MAX_LOOP = 1_000
-"""Largest count of a `range` that is written as a number."""
+"""Largest count of a `range`, or of a repeated list, that is written as a number."""
 MAX_ROUNDS = 100_000
 """Most rounds of nested loops."""
 MAX_ELEMENTS = 10_000_000
@@ -64,7 +64,9 @@ MAX_ELEMENTS = 10_000_000
 MAX_NAME_CHARACTERS = 64
 """Names of components and progress variables are cut to this length."""
 
-BUILTINS = words("abs bool dict enumerate float int len list max min range round sum zip isinstance print")
+BUILTINS = words(
+    "abs all any bool dict enumerate float int isinstance len list max min pow print range round sorted sum zip"
+)
 
 TORCH_CONSTANTS = words(
     "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor"

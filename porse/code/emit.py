@@ -8,13 +8,14 @@ import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from porse.code.annotations import TYPE_OF_KIND, type_text, value_type
+from porse.code.annotations import TYPE_OF_KIND, argument_type, type_text, value_type
 from porse.code.check import Reads
 from porse.code.expressions import BINARY, FUNCTION, VARIABLE, Expressions
 from porse.code.hoist import number_type
+from porse.code.one_type import FLOAT, TENSOR, Local
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
-from porse.code.syntax import all_arguments, assigned_names, defaults
+from porse.code.syntax import all_arguments, assigned_names, defaults, given_values
 from porse.code.verdict import CodeError
 from porse.variables import Variable
 
@@ -36,8 +37,19 @@ class Emitted:
     arguments: tuple[str, ...]
 
 
-def emit(program: Program, reads: Mapping[str, Reads], variables: Mapping[str, Variable]) -> Emitted:
+def emit(
+    program: Program,
+    reads: Mapping[str, Reads],
+    variables: Mapping[str, Variable],
+    types: Mapping[Local, str],
+) -> Emitted:
     """Returns the TorchScript text of a checked program.
+
+    Args:
+        program: the program.
+        reads: what each of its functions reads.
+        variables: what the task offers, by name.
+        types: names whose first value tells the wrong type, as `types_of_names` returns them.
 
     Raises:
         CodeError: a statement or an expression has no TorchScript form.
@@ -47,7 +59,7 @@ def emit(program: Program, reads: Mapping[str, Reads], variables: Mapping[str, V
     used: set[str] = set()
     arguments: tuple[str, ...] = ()
     for name in _order(reads, program.main.name):
-        writer = _Writer(program, program.helpers.get(name, program.main), reads[name], needs, variables)
+        writer = _Writer(program, program.helpers.get(name, program.main), reads[name], needs, variables, types)
         arguments = writer.run()
         lines.extend(writer.lines)
         used |= writer.expressions.used
@@ -90,6 +102,7 @@ class _Writer:
         reads: Reads,
         needs: Mapping[str, tuple[str, ...]],
         variables: Mapping[str, Variable],
+        types: Mapping[Local, str],
     ) -> None:
         self.lines: list[tuple[int, str]] = []
         self.expressions = Expressions(program, function, needs, variables)
@@ -98,6 +111,7 @@ class _Writer:
         self._constants = sorted(reads.constants)
         self._needs = needs[function.name]
         self._variables = variables
+        self._types = types
         self._is_main = function is program.main
         self._line = function.lineno
 
@@ -127,19 +141,11 @@ class _Writer:
     def _helper_type(self, argument: ast.arg, default: ast.expr | None) -> str:
         """Returns the type of a helper's argument: as declared, of its default, or of the numbers it is called with."""
         if argument.annotation is not None:
-            return type_text(argument.annotation)
+            return argument_type(argument.annotation)
+        given = given_values(self._program, self._function, argument)
+        kinds = {value_type(value, function, self._variables) for value, function in given}
         if number_type(default):
-            return number_type(default)
-        position = all_arguments(self._function).index(argument)
-        kinds: set[str] = set()
-        for function in [*self._program.helpers.values(), self._program.main]:
-            for node in ast.walk(function):
-                name = getattr(node.func, "id", getattr(node.func, "attr", "")) if isinstance(node, ast.Call) else ""
-                if isinstance(node, ast.Call) and name == self._function.name:
-                    values = [k.value for k in node.keywords if k.arg == argument.arg] or node.args[
-                        position : position + 1
-                    ]
-                    kinds.update(value_type(value, function, self._variables) for value in values)
+            return "float" if "float" in kinds else number_type(default)
         return (kinds.pop() if len(kinds) == 1 else "") or "Tensor"
 
     def _number(self, kind: str, value: ast.expr) -> str:
@@ -179,7 +185,8 @@ class _Writer:
         if isinstance(node, ast.Return):
             self._write(depth, f"return {text(node.value)}" if node.value else "return")
         elif isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign):
-            self._assignment(node, depth)
+            for part in _apart(node):
+                self._assignment(part, depth)
         elif isinstance(node, ast.Expr):
             if not isinstance(node.value, ast.Constant) and not _is_print(node.value):
                 self._write(depth, text(node.value))
@@ -206,18 +213,52 @@ class _Writer:
         if isinstance(node, ast.AugAssign):
             sign = BINARY[type(node.op)]
             place = target(node.target)
-            known = sign in ("+", "-", "*", "/")  # the others have no in-place form in TorchScript
+            # The others have no in-place form in TorchScript, and a tensor of one number cannot grow in place.
+            known = sign in ("+", "-", "*", "/") and self._type(node.target) != TENSOR
             self._write(depth, f"{place} {sign}= {value}" if known else f"{place} = ({place} {sign} {value})")
-        elif isinstance(node, ast.AnnAssign):
+        elif isinstance(node, ast.AnnAssign) and not self._type(node.target):
             kind = type_text(node.annotation)
             place = target(node.target) + (f": {kind}" if kind else "")
             self._write(depth, f"{place} = {self._number(kind, node.value)}")
-        elif len(node.targets) == 1:
-            self._write(depth, f"{target(node.targets[0])} = {value}")
         else:
-            self._write(depth, f"{VARIABLE}value = {value}")
-            for each in node.targets:
-                self._write(depth, f"{target(each)} = {VARIABLE}value")
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            kind = next(filter(None, map(self._type, targets)), "")
+            value = self._first_value(node.value, kind) if kind else value
+            if len(targets) == 1:
+                self._write(depth, f"{target(targets[0])} = {value}")
+            else:
+                self._write(depth, f"{VARIABLE}value = {value}")
+                for each in targets:
+                    self._write(depth, f"{target(each)} = {VARIABLE}value")
+
+    def _type(self, target: ast.expr) -> str:
+        """Returns the type that is known of a name whose first value tells the wrong one, "" for all others."""
+        return self._types.get((FUNCTION + self._function.name, target.id), "") if isinstance(target, ast.Name) else ""
+
+    def _first_value(self, value: ast.expr, kind: str) -> str:
+        """Returns the text of a value of such a name: a number as a float or a tensor, and what is empty with its type."""
+        text, device = self.expressions.text(value), self.expressions.device
+        if kind == TENSOR:
+            return f"torch.tensor({text}{f', device={device}' if device else ''})" if number_type(value) else text
+        if number_type(value) == "int" and kind == FLOAT:
+            return f"float({text})"
+        whole = {"[]": f"List[{kind}]", "{}": f"Dict[str, {kind}]"}.get(text, "")
+        return f"torch.jit.annotate({whole}, {text})" if whole else text
+
+
+def _apart(node: ast.Assign | ast.AugAssign | ast.AnnAssign) -> list[ast.Assign | ast.AugAssign | ast.AnnAssign]:
+    """Returns `values, names = [], []` as an assignment for each name, and any other assignment as it is."""
+    if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Tuple) or len(node.targets) > 1:
+        return [node]
+    target, values = node.targets[0], node.value.elts
+    names = target.elts if isinstance(target, ast.Tuple) else []
+    are_plain = all(number_type(value) or ast.unparse(value) in ("[]", "{}") for value in values)
+    if len(names) != len(values) or not are_plain:
+        return [node]
+    return [
+        ast.copy_location(ast.Assign(targets=[name], value=value), node)
+        for name, value in zip(names, values, strict=True)
+    ]
 
 
 def _is_print(node: ast.expr) -> bool:

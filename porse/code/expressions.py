@@ -2,6 +2,8 @@
 
 import ast
 from collections.abc import Mapping
+from functools import reduce
+from itertools import groupby
 
 from porse.code.annotations import type_text
 from porse.code.calls import FUNCTIONAL, plain_form
@@ -74,12 +76,18 @@ class Expressions:
     def target(self, node: ast.expr) -> str:
         """Returns the text of what is assigned to."""
         if isinstance(node, ast.Tuple | ast.List):
-            return ", ".join(self.target(element) for element in node.elts) + ("," if len(node.elts) == 1 else "")
+            parts = [self.inner_target(element) for element in node.elts]
+            return ", ".join(parts) + ("," if len(parts) == 1 else "")
         if isinstance(node, ast.Name):
             return node.id
         if isinstance(node, ast.Subscript):
             return self.text(node)
         raise CodeError("static", f"{type(node).__name__} cannot be assigned", node.lineno)
+
+    def inner_target(self, node: ast.expr) -> str:
+        """Returns the text of what is assigned to where several names want brackets."""
+        text = self.target(node)
+        return f"({text})" if isinstance(node, ast.Tuple | ast.List) else text
 
     def _constant(self, node: ast.Constant) -> str:
         value = node.value
@@ -170,10 +178,18 @@ class Expressions:
         return ", ".join(self.text(node) for node in nodes)
 
     def _dict(self, node: ast.Dict) -> str:
-        pairs = [(key, value) for key, value in zip(node.keys, node.values, strict=True) if key is not None]
-        if len(pairs) < len(node.keys):
-            raise CodeError("static", "** in a dictionary is not allowed", node.lineno)
-        return "{" + ", ".join(f"{self.text(key)}: {self.text(value)}" for key, value in pairs) + "}"
+        """`{**near, "far": x}` is written as one dictionary after the other, merged."""
+        parts: list[str] = []
+        for key, group in groupby(zip(node.keys, node.values, strict=True), key=lambda pair: pair[0] is None):
+            if key:
+                parts.extend(self.text(value) for _, value in group)
+            else:
+                pairs = (f"{self.text(name)}: {self.text(value)}" for name, value in group if name is not None)
+                parts.append("{" + ", ".join(pairs) + "}")
+        if None not in node.keys:
+            return parts[0] if parts else "{}"
+        self.used.add("merged")
+        return reduce(lambda first, more: f"{VARIABLE}merged({first}, {more})", parts, "{}")
 
     def _set(self, node: ast.Set) -> str:
         """A dictionary in doubled braces, as left over from a format string, reads as a set of one dictionary."""
@@ -193,7 +209,7 @@ class Expressions:
         generator = node.generators[0]
         if len(node.generators) != 1 or generator.ifs:
             raise CodeError("static", "a comprehension has one for and no if", node.lineno)
-        return f"for {self.target(generator.target)} in {self.text(generator.iter)}"
+        return f"for {self.inner_target(generator.target)} in {self.text(generator.iter)}"
 
     def _joinedstr(self, node: ast.JoinedStr) -> str:
         text, values = "", []

@@ -136,7 +136,7 @@ def _assemble(main: _Function, functions: list[_Function], around: Surroundings)
                 needed[name] = helper
                 queue.append(helper)
     parts = [(number, text) for number, text, _ in around.imports_of(names)]
-    parts += [line for name, line in around.constants.items() if name in names]
+    parts += [line for name, block in around.constants.items() if name in names for line in block]
     for function in [*sorted(needed.values(), key=lambda f: f.chunk.lines[0]), main]:
         refuse_decorators(function.chunk)
         if parts:

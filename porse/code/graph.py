@@ -18,7 +18,7 @@ _INTERNAL = words("""
     __isnot__ __not__ __or__ __range_length __xor__ _set_item append clamp_min_ copy_ device dict embedding extend fabs
     format frobenius_norm index index_put_ items keys len linalg_matrix_norm linalg_vector_norm list log_sigmoid
     masked_fill_ ndim nuclear_norm degrees radians relu_ slice str type_as values warn is_floating_point elu celu
-    copy cosine_similarity dtype layout mT numpy_T rsub hardswish scalar_tensor floordiv mod remainder eq ne round floor ceil pow
+    copy cosine_similarity dtype layout mT numpy_T rsub hardswish scalar_tensor sorted floordiv mod remainder eq ne round floor ceil pow
     """)
 _ALLOWED = (
     TORCH_FUNCTIONS
@@ -151,7 +151,7 @@ def _check_operators(graph: Any) -> None:
     for node in nodes(graph):
         space, _, name = node.kind().partition("::")
         allowed = name in _ALLOWED if space == "aten" else space == "prim" and name in _PRIM
-        if not allowed or (name in ("mul", "add") and "[]" in node.output().type().str()):
+        if not allowed:
             raise CodeError(
                 "static", f"the operator {node.kind()} is not on the list of allowed operators", line_of(node)
             )

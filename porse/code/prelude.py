@@ -23,6 +23,12 @@ def porse_sum(values: List[Tensor]):
         total = total + values[i]
     return total
 """,
+    "merged": """\
+def porse_merged(first: Dict[str, Tensor], more: Dict[str, Tensor]):
+    both = first.copy()
+    both.update(more)
+    return both
+""",
     "functional_normalize": """\
 def porse_functional_normalize(x: Tensor, p: float = 2.0, dim: int = 1, eps: float = 1e-12):
     return x / torch.clamp_min(torch.linalg.vector_norm(x, p, [dim], True), eps).expand_as(x)
@@ -63,5 +69,5 @@ def porse_tensor_clamp(t: Tensor, low: Tensor, high: Tensor):
     return torch.maximum(torch.minimum(t, high), low)
 """,
 }
-"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list and `functional_normalize` is
+"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, and `functional_normalize` is
 torch.nn.functional.normalize, which takes longer to compile from its own source."""

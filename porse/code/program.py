@@ -28,7 +28,7 @@ class Program:
     Attributes:
         main: the function itself, the last one of the source.
         helpers: the other functions by name.
-        constants: module-level numbers and lists of numbers by name.
+        constants: module-level numbers, texts, lists and dictionaries of them, and tensors, by name.
         modules: dotted path for each name that stands for a module or for something imported from one.
     """
 

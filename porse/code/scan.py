@@ -14,6 +14,8 @@ _FENCE = re.compile(r"\s*(`{3,}|~{3,})")
 _DEF = re.compile(r"(\s*)(async\s+)?def\s+(\w+)\s*\(")
 _TOKEN = re.compile(r"\"\"\"|'''|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|#.*|[()\[\]{}]")
 
+_MAX_STATEMENT_LINES = 60
+
 
 @dataclass(frozen=True)
 class Chunk:
@@ -76,6 +78,17 @@ def _end(lines: list[str], start: int, indent: int) -> int:
         if not blank or open_line or len(line) - len(line.lstrip()) > indent:
             end = index + 1 if line.strip() else end
     return end
+
+
+def bracketed(lines: list[str], start: int) -> list[str]:
+    """Returns the line at index `start`, stripped, and those after it until its brackets are closed; few at most."""
+    depth, quote, block = 0, "", []
+    for line in lines[start : start + _MAX_STATEMENT_LINES]:
+        block.append(line.strip())
+        depth, quote = _advance(line, depth, quote)
+        if not depth or quote:
+            break
+    return block
 
 
 def _advance(line: str, depth: int, quote: str) -> tuple[int, str]:

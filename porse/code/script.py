@@ -13,6 +13,7 @@ from typing import Any, cast
 import torch
 
 from porse.code.alias import first_write
+from porse.code.alike import give_numbers_one_type
 from porse.code.bounds import check_bounds
 from porse.code.calls import FUNCTIONAL
 from porse.code.check import check_program
@@ -20,11 +21,14 @@ from porse.code.emit import Emitted, emit
 from porse.code.graph import flatten, line_of
 from porse.code.names import hold_plain_names
 from porse.code.numbers import hold_tensors
+from porse.code.one_type import Local, text_before, types_of_names
 from porse.code.program import parse_program
 from porse.code.verdict import Check, CodeError
 from porse.variables import Variable
 
 _NAMESPACE: dict[str, Any] = {"torch": torch, "math": math, FUNCTIONAL: torch.nn.functional}
+_ROUNDS = 8
+"""How often a text is written anew for names whose first value told the wrong type."""
 
 
 @dataclass(frozen=True)
@@ -55,22 +59,63 @@ def script(source: str, variables: Mapping[str, Variable]) -> Script:
         CodeError: the source breaks the contract.
     """
     program = parse_program(source)
-    emitted = emit(program, check_program(program, variables), variables)
+    give_numbers_one_type(program, variables)
+    reads = check_program(program, variables)
+    types: dict[Local, str] = {}
+    tries = [_compile(emit(program, reads, variables, types))]
+    for _ in range(_ROUNDS):
+        found = types_of_names(tries[-1].functions, str(tries[-1].error or ""), tries[-1].emitted.text)
+        if found.items() <= types.items():
+            break
+        types |= found
+        tries.append(_compile(emit(program, reads, variables, types)))
+    if types:
+        try:
+            return _checked(tries[-1])
+        except CodeError:
+            pass  # then as it was written
+    return _checked(tries[0])
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """What TorchScript made of a text: its functions, those before the error where there was one."""
+
+    emitted: Emitted
+    unit: Any
+    functions: list[Any]
+    error: Exception | None
+
+
+def _compile(emitted: Emitted) -> _Compiled:
+    unit, error = _unit(emitted.text)
+    before, failed = (unit, None) if error is None else _unit(text_before(str(error), emitted.text))
+    return _Compiled(emitted, unit, before.get_functions() if failed is None else [], error)
+
+
+def _unit(text: str) -> tuple[Any, Exception | None]:
+    """Returns what TorchScript made of a text, and why not all of it."""
     unit = torch._C.CompilationUnit()
-    return Script(_graph(unit, emitted), emitted.lines, emitted.arguments, unit)
-
-
-def _graph(unit: Any, emitted: Emitted) -> Any:
-    """Returns the graph of an emitted text, held against the rules for graphs."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
-            unit.define(emitted.text, lambda name: cast(Any, _NAMESPACE.get(name)))
-            graph = flatten(unit.find_function(emitted.name))
-            check_bounds(graph)
+            unit.define(text, lambda name: cast(Any, _NAMESPACE.get(name)))
+    except Exception as error:  # whatever TorchScript raises, it does not take the text
+        return unit, error
+    return unit, None
+
+
+def _checked(compiled: _Compiled) -> Script:
+    """Returns the graph of what was compiled, held against the rules for graphs."""
+    emitted = compiled.emitted
+    try:
+        if compiled.error is not None:
+            raise compiled.error
+        graph = flatten(compiled.unit.find_function(emitted.name))
+        check_bounds(graph)
     except CodeError as error:
         raise CodeError(error.check, str(error), _source_line(emitted.lines, error.line)) from None
-    except Exception as error:  # whatever TorchScript raises, it does not take the text
+    except Exception as error:
         raise translate(error, emitted.lines, "compile") from None
     write = first_write(graph)
     if write is not None:
@@ -79,7 +124,7 @@ def _graph(unit: Any, emitted: Emitted) -> Any:
         raise CodeError("inplace", f"the function may change its input {name} in place; work on {name}.clone()", line)
     hold_plain_names(graph)
     hold_tensors(graph)
-    return graph
+    return Script(graph, emitted.lines, emitted.arguments, compiled.unit)
 
 
 def _source_line(lines: Sequence[int], line: int) -> int:

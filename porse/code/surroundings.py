@@ -9,9 +9,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from porse.code.allowed import is_constant
 from porse.code.contract import MODULES, words
 from porse.code.program import DEFAULT_MODULES
-from porse.code.scan import Chunk, parse_source, regions
+from porse.code.scan import Chunk, bracketed, parse_source, regions
 from porse.code.verdict import CodeError
 
 Import = ast.Import | ast.ImportFrom
@@ -26,19 +27,22 @@ _HOSTILE = words("""
     socket subprocess sys system unlink urllib urlopen vars
     """)
 
+_MAX_CHARACTERS = 4000
+"""Longest statement that is looked at."""
+
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The statements of one line beside the functions.
+    """The statements beside the functions, those of one line and those that end where their brackets do.
 
     Attributes:
         imports: line number, text and tree of each import.
-        constants: line number and text of each constant, by name; the last one of a name.
+        constants: line numbers and texts of each constant, by name; the last one of a name.
         others: line number, stretch of the reply and tree of every statement.
     """
 
     imports: list[tuple[int, str, Import]]
-    constants: dict[str, tuple[int, str]]
+    constants: dict[str, list[tuple[int, str]]]
     others: list[tuple[int, int, ast.stmt]]
 
     def imports_of(self, names: set[str]) -> list[tuple[int, str, Import]]:
@@ -49,16 +53,24 @@ class Surroundings:
 def surroundings(lines: list[str], inside: set[int]) -> Surroundings:
     """Returns what stands beside the functions, whose line numbers are `inside`."""
     found = Surroundings([], {}, [])
-    for number, (line, region) in enumerate(zip(lines, regions(lines), strict=True), start=1):
+    where = regions(lines)
+    end = 0
+    for number, line in enumerate(lines, start=1):
         text = line.strip()
-        node = None if number in inside or not text or text.startswith(("#", "@")) else _statement(text)
+        if number <= end or number in inside or not text or text.startswith(("#", "@")):
+            continue
+        block = bracketed(lines, number - 1)
+        if inside.isdisjoint(range(number, number + len(block))) and (node := _statement("\n".join(block))):
+            end = number + len(block) - 1
+        else:
+            block, node = [text], _statement(text)
         if node is None:
             continue
-        found.others.append((number, region, node))
+        found.others.append((number, where[number - 1], node))
         if isinstance(node, ast.Import | ast.ImportFrom):
             found.imports.append((number, text, node))
         elif isinstance(node, ast.Assign | ast.AnnAssign) and _constant_name(node):
-            found.constants[_constant_name(node)] = (number, text)
+            found.constants[_constant_name(node)] = list(enumerate(block, start=number))
     return found
 
 
@@ -103,7 +115,7 @@ def names_read(tree: ast.AST) -> Iterator[str]:
 
 def _statement(text: str) -> ast.stmt | None:
     try:
-        body = parse_source(text[:500]).body
+        body = parse_source(text).body if len(text) <= _MAX_CHARACTERS else []
     except CodeError:
         return None
     return body[0] if len(body) == 1 else None
@@ -113,8 +125,7 @@ def _constant_name(node: ast.Assign | ast.AnnAssign) -> str:
     targets = node.targets if isinstance(node, ast.Assign) else [node.target]
     if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
         return ""
-    allowed = (ast.Constant, ast.UnaryOp, ast.USub, ast.List, ast.Tuple, ast.Load, ast.BinOp, ast.operator)
-    return targets[0].id if all(isinstance(n, allowed) for n in ast.walk(node.value)) else ""
+    return targets[0].id if is_constant(node.value) else ""
 
 
 def _modules(node: Import) -> list[str]:

@@ -31,6 +31,20 @@ def defaults(function: ast.FunctionDef) -> dict[str, ast.expr]:
     return found
 
 
+def given_values(
+    program: Program, helper: ast.FunctionDef, argument: ast.arg
+) -> list[tuple[ast.expr, ast.FunctionDef]]:
+    """Returns the default value of a helper's argument and what its calls give it, each with the function it stands in."""
+    position, default = all_arguments(helper).index(argument), defaults(helper).get(argument.arg)
+    found = [(default, helper)] if default is not None else []
+    for function in [*program.helpers.values(), program.main]:
+        for node in ast.walk(function):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == helper.name:
+                named = [keyword.value for keyword in node.keywords if keyword.arg == argument.arg]
+                found += [(value, function) for value in named or node.args[position : position + 1]]
+    return found
+
+
 def assigned_values(function: ast.FunctionDef, name: str) -> Iterator[ast.expr]:
     """Yields every value that a function assigns to a name."""
     for node in ast.walk(function):

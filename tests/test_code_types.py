@@ -1,0 +1,134 @@
+"""Functions whose names and lists change their type, as Python lets them: they mean here what they mean there."""
+
+import math
+
+import pytest
+import torch
+
+from code_cases import VARIABLES, reward, values
+from porse.code.compile import compile_mapping, compile_reward
+from porse.code.script import script
+from porse.code.verdict import CodeError
+
+BOTH = pytest.mark.parametrize("portable", [False, True])
+TABLE = {variable.name: variable for variable in VARIABLES}
+BODIES = {
+    "weights": "w = {'a': 1, 'b': -0.5, 'c': 2 * 3, 'd': 1 / 3, 'e': math.pi}\nx = sum(w[k] * a[:, 0] for k in w)",
+    "list of weights": "w = [1, 0.5]\nx = w[0] * a[:, 0] + w[1] * a[:, 1]",
+    "matrix": "m = torch.tensor([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])\nx = (a @ m)[:, 1]",
+    "called dictionary": "w = dict(near=1, far=0.5)\nx = w['near'] * a[:, 0] + w['far']",
+    "one number or another": "w = 2 if a.shape[0] > 3 else 0.5\nx = w * a[:, 0]",
+    "rows": "x = a[:, 0] * 0\nfor w, y in ((1, a), (0.5, b)):\n    x = x + w * y[:, 0]",
+    "rows in a list": "x = 0\nfor name, w, y in [('a', 1, a[:, 0]), ('b', 0.5, b[:, 0])]:\n    x += w * y",
+    "pairs": "c = {'a': a[:, 0], 'b': b[:, 0]}\nc = {k: 2 * v for k, v in c.items()}\nx = sum(v for _, v in c.items())",
+    "two lists": "x = sum(w * y for w, y in zip([1, 0.5], [a[:, 0], b[:, 0]]))",
+    "numbered": "x = sum([(i + 1) * y for i, y in enumerate([a[:, 0], b[:, 0]])])",
+    "pairs in pairs": "x = 0.0\nfor i, (w, y) in enumerate(zip([1.0, 0.5], [a[:, 0], b[:, 0]])):\n    x = x + (i + 1) * w * y",
+    "pairs of pairs": "x = sum(i * w * y for i, (w, y) in enumerate(zip([1.0, 0.5], [a[:, 0], b[:, 0]])))",
+    "sum": "x = 0.0\nfor i in range(3):\n    x += a[:, i]",
+    "sum from an integer": "x = 0\nfor i in range(3):\n    x = x + a[:, i]",
+    "annotated sum": "x: float = 0.0\nn: int = 0\nfor i in range(3):\n    x = x + a[:, i]\n    n += 1\nx = x / n",
+    "product": "x = 1.0\nfor i in range(3):\n    x *= torch.exp(a[:, i])",
+    "two sums": "x, y = 0.0, 0\nfor i in range(3):\n    x += a[:, i]\n    y -= b[:, i]\nx = x * y",
+    "one start for two": "x = y = 0.0\nfor i in range(3):\n    x = x + a[:, i]\n    y = y + b[:, i]\nx = x - y",
+    "sum of weights": "x = 0.0\nt = 0\nfor w in [0.5, 0.25]:\n    t += w\n    x += w * a[:, 0]\nx = x / t",
+    "truth values": "ok = True\nfor i in range(3):\n    ok = ok & (a[:, i] < 0.5)\nx = ok.float()",
+    "set in a branch": "x = 0.0\nif a.shape[0] > 1:\n    x = a[:, 0]",
+    "number in the other branch": "if a.shape[0] > 1:\n    x = a[:, 0]\nelse:\n    x = 0.0\nx = x + b[:, 0]",
+    "integer that becomes a float": "k = 1\nif a.shape[0] > 1:\n    k = 0.5\nx = k * a[:, 0]",
+    "integer that shrinks in a loop": "k = 1\nfor w in [0.5, 0.25]:\n    k = k * w\nx = k * a[:, 0]",
+    "list of floats": "w = []\nfor i in range(3):\n    w.append(0.5 ** i)\nx = w[0] * a[:, 0] + w[2] * b[:, 0]",
+    "list of rows": "rows = []\nrows.append((1.0, a[:, 0]))\nrows.append((0.5, b[:, 0]))\nx = sum(w * y for w, y in rows)",
+    "list of lists": "rows = []\nrows.append([a[:, 0], b[:, 0]])\nx = rows[0][1]",
+    "list of names": "names = []\nnames += ['a']\nnames = names + ['b']\nx = a[:, 0] * len(names)",
+    "dictionary of floats": "w = {}\nw['a'] = 0.5\nw.update({'b': 0.25})\nx = w['a'] * a[:, 0] + w['b'] * b[:, 0]",
+    "lists added": "y = [a[:, 0]] + [b[:, 0]]\ny += [a[:, 1]]\nx = torch.stack(y).sum(0)",
+    "list multiplied": "n = 2\nw = [0.5] * n + [1.0] * 1\nx = a[:, 0] * (w[0] + w[2]) * len(w)",
+    "dictionaries merged": "c = {'a': a[:, 0]}\nd = {**c, 'b': b[:, 0], **{'a': a[:, 1]}}\nc['a'] = b[:, 2]\nx = d['a'] + d['b']",
+    "copy of a dictionary": "c = {'a': a[:, 0]}\nd = {**c}\nd['a'] = b[:, 0]\nx = c['a'] + 2 * d['a']",
+    "builtins": "w = {'b': 0.5, 'a': 1.0}\nok = all([True, 1 < 2]) and not any([False])\nx = pow(a[:, 0], 2) * pow(2, 3)\nfor k in sorted(w.keys()):\n    x = x * 2 + w[k]\nx = x if ok else b[:, 0]",
+    "bare types": "y: list = []\nn: dict = {'n': 1}\ny.append(a[:, 0])\nx = y[0] * n['n']",
+    "helper with an integer default": "def soft(y, t=1):\n    return torch.exp(-y / t)\nt = 0.5\nx = soft(a[:, 0]) + soft(a[:, 1], t) + soft(a[:, 2], t=2)",
+    "helper that wants a float": "def soft(y, t: float):\n    return torch.exp(-y / t)\nx = soft(a[:, 0], 1) + soft(a[:, 1], t=2)",
+    "helper with an expression": "def soft(y, t=1.0):\n    return torch.exp(-y / t)\nt = 0.5\nx = soft(a[:, 0], 2 * t) + soft(a[:, 1], 2)",
+    "helper that sums": "def summed(y):\n    s = 0\n    for i in range(3):\n        s += y[:, i]\n    return s\nx = summed(a) - summed(b)",
+    "helper that takes lists": "def weighted(ys: list, ws):\n    return ys[0] * ws\nx = weighted([a[:, 0], b[:, 0]], 0.5)",
+}  # fmt: skip
+
+
+def in_python(source, arguments):
+    """Returns the total reward of a source of this file, run by Python."""
+    namespace = {"torch": torch, "math": math}
+    exec(source, namespace)
+    return namespace["compute_reward"](*arguments)[0]
+
+
+@BOTH
+@pytest.mark.parametrize("name", BODIES)
+def test_types_change_as_in_python(name, portable):
+    states, source = values(5), reward(BODIES[name])
+    total, _ = compile_reward(source, VARIABLES, portable)(states)
+    torch.testing.assert_close(total, in_python(source, (states["a"], states["b"])), rtol=1e-6, atol=1e-6)
+
+
+@BOTH
+def test_lists_that_begin_empty_hold_what_they_are_given(portable):
+    source = (
+        "def mapping_function(self):\n"
+        "    progress, rises, names = [], [], []\n"
+        "    for i in range(2):\n"
+        "        progress.append(self.a[:, i])\n"
+        "        rises.append(i == 0)\n"
+        "        names.append(f'a_{i}')\n"
+        "    return progress, rises, names\n"
+    )
+    function, states = compile_mapping(source, VARIABLES, portable), values(3)
+    progress, rises, names = function(states)
+    assert [value.tolist() for value in progress] == states["a"].T[:2].tolist()
+    assert (rises, names) == ([True, False], ["a_0", "a_1"])
+
+
+def test_constants_beside_the_function_may_be_dictionaries_and_tensors():
+    source = "W = {'near': 1, 'far': 0.5}\nUP = torch.tensor([0, 0, 2], dtype=torch.float32)\nS = 2 ** 0.5\n"
+    states = values(4)
+    total, _ = compile_reward(source + reward("x = W['near'] * (a * UP).sum(-1) * S"), VARIABLES, False)(states)
+    torch.testing.assert_close(total, 2.0 * states["a"][:, 2] * math.sqrt(2.0))
+
+
+@pytest.mark.parametrize(
+    ("constant", "says"),
+    [
+        ("W = torch.load('x')", "the constant W is not written out"),
+        ("W = torch.tensor(open('x'))", "the constant W is not written out"),
+        ("W = torch.tensor([1.0], out=torch.ones(1))", "the constant W is not written out"),
+        ("W = {'a': open('x')}", "the constant W is not written out"),
+        ("W = 'cuda:0'", "the device 'cuda:0' is written into the code"),
+        ("W = [1, 10000001]", "larger than 10000000"),
+    ],
+)
+def test_constants_are_written_out(constant, says):
+    with pytest.raises(CodeError, match=says):
+        script(f"{constant}\n" + reward("x = a[:, 0] * W"), TABLE)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "k = 0.0\nk = math.sqrt(float(a.abs().mean()))\nx = k * a[:, 0]",
+        "k = 0.0\nk = math.sqrt(a.abs().mean())\nx = k * a[:, 0]",
+        "k: float = 1.0\nk = max(k, 2.0)\nx = a[:, 0] * k",
+        "w = {'a': 1, 'b': 2}\nx = a[:, w['b']]",
+        "k = 1\nk += 1\nx = a[:, k]",
+    ],
+)
+def test_numbers_that_stay_numbers_stay_what_they_are(body):
+    states, source = values(5), reward(body)
+    total, _ = compile_reward(source, VARIABLES, False)(states)
+    torch.testing.assert_close(total, in_python(source, (states["a"], states["b"])))
+    assert "aten::tensor" not in str(script(source, TABLE).graph)
+
+
+def test_what_cannot_be_mended_is_refused_as_it_was_written():
+    with pytest.raises(CodeError, match=r"matched to type str|Could not match") as error:
+        script(reward("names = []\nnames.append('a')\nnames.append(1.5)\nx = a[:, 0] * len(names)"), TABLE)
+    assert (error.value.check, error.value.line) == ("type", 3)
