@@ -47,6 +47,7 @@ BODIES = {
     "dictionaries merged": "c = {'a': a[:, 0]}\nd = {**c, 'b': b[:, 0], **{'a': a[:, 1]}}\nc['a'] = b[:, 2]\nx = d['a'] + d['b']",
     "copy of a dictionary": "c = {'a': a[:, 0]}\nd = {**c}\nd['a'] = b[:, 0]\nx = c['a'] + 2 * d['a']",
     "builtins": "w = {'b': 0.5, 'a': 1.0}\nok = all([True, 1 < 2]) and not any([False])\nx = pow(a[:, 0], 2) * pow(2, 3)\nfor k in sorted(w.keys()):\n    x = x * 2 + w[k]\nx = x if ok else b[:, 0]",
+    "a number for good before a list of names": "k = 0.0\nk = math.sqrt(a.abs().mean())\nn = []\nn.append('a')\nx = a[:, 0] * len(n) * k",
     "bare types": "y: list = []\nn: dict = {'n': 1}\ny.append(a[:, 0])\nx = y[0] * n['n']",
     "helper with an integer default": "def soft(y, t=1):\n    return torch.exp(-y / t)\nt = 0.5\nx = soft(a[:, 0]) + soft(a[:, 1], t) + soft(a[:, 2], t=2)",
     "helper that wants a float": "def soft(y, t: float):\n    return torch.exp(-y / t)\nx = soft(a[:, 0], 1) + soft(a[:, 1], t=2)",

@@ -64,8 +64,9 @@ def script(source: str, variables: Mapping[str, Variable]) -> Script:
     types: dict[Local, str] = {}
     tries = [_compile(emit(program, reads, variables, types))]
     for _ in range(_ROUNDS):
-        found = types_of_names(tries[-1].functions, str(tries[-1].error or ""), tries[-1].emitted.text)
-        if found.items() <= types.items():
+        last = tries[-1]
+        found = types_of_names(last.functions, str(last.error or ""), last.emitted.text, types)
+        if not found:
             break
         types |= found
         tries.append(_compile(emit(program, reads, variables, types)))
