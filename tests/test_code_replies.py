@@ -1,15 +1,24 @@
 """The corpus: every reply in tests/replies gets the verdict that its entry in index.json names."""
 
+import ast
 import json
+import math
+import typing
 from collections import Counter
 from pathlib import Path
+from types import MethodType, SimpleNamespace
 
 import pytest
+import torch
 
+from porse.code.compile import compile_mapping, compile_reward
 from porse.code.contract import FUNCTION_NAMES
+from porse.code.extract import extract
 from porse.code.limits import Limits
 from porse.code.sandbox import Sandbox
 from porse.code.validate import Submission, judge
+from porse.sim import rotations
+from porse.tasks import make_task
 
 REPLIES = Path(__file__).parent / "replies"
 INDEX = json.loads((REPLIES / "index.json").read_text())
@@ -60,3 +69,49 @@ def test_the_stored_source_gets_the_same_verdict_as_the_reply(sandbox):
         first, source = judge(Submission(reply, entry["kind"]), variables, sandbox)
         again, stored = judge(Submission(source, entry["kind"]), variables, sandbox)
         assert (again, stored) == (first, source), entry["file"]
+
+
+HELPERS = {
+    "dist": lambda a, b: torch.norm(a - b, dim=-1),
+    "rot_dist": rotations.rotation_distance,
+    "quat_conjugate": rotations.conjugate,
+    "quat_mul": rotations.multiply,
+    "quat_rotate_inverse": rotations.rotate_inverse,
+}
+
+
+def in_python(source, states):
+    """Returns what a stored source of the corpus, which is our own, returns when Python runs it on copies of states."""
+    given = {name: value.clone() if isinstance(value, torch.Tensor) else value for name, value in states.items()}
+    space = {**vars(typing), **HELPERS, **given, "torch": torch, "math": math, "F": torch.nn.functional}
+    exec(f"from __future__ import annotations\nfrom torch import Tensor\n{source}", space)
+    functions = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    holder = SimpleNamespace(**space)
+    for node in functions:
+        if node.args.args and node.args.args[0].arg == "self":
+            setattr(holder, node.name, MethodType(space[node.name], holder))
+    main = functions[-1]
+    arguments = {a.arg: given[a.arg] for a in [*main.args.args, *main.args.kwonlyargs] if a.arg in given}
+    return getattr(holder, main.name)(**arguments)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_good_replies_mean_what_they_mean_in_python(task):
+    made = make_task(task, 8, seed=0)
+    states = made.variables()
+    not_python = {"reward_fstring_debris.md"}  # a dictionary in a set
+    for entry in INDEX:
+        if entry["task"] != task or entry["check"] != "ok" or entry["file"] in not_python:
+            continue
+        source = extract((REPLIES / entry["file"]).read_bytes().decode(), entry["kind"]).source
+        first, second, *_ = in_python(source, states)
+        if entry["kind"] == "reward":
+            total, components = compile_reward(source, made.VARIABLES, False)(states)
+            expected, found = [first, *second.values()], [total, *components.values()]
+        else:
+            found, rises, _ = compile_mapping(source, made.VARIABLES, False)(states)
+            expected = list(first) if isinstance(first, list | tuple) else [first]
+            assert rises == (list(second) if isinstance(second, list | tuple) else [second])
+        assert len(found) == len(expected)
+        for ours, theirs in zip(found, expected, strict=True):
+            torch.testing.assert_close(ours, theirs.float().expand(8), rtol=1e-5, atol=1e-5, msg=entry["file"])
