@@ -32,12 +32,22 @@ REWARDS = [
     "m = ({p} - {q}).mean()\nif m > 0:\n    x = {p}[:, 0]\nelse:\n    x = {q}[:, 0]\nx = x + 1.0",
     "k = torch.cross({p}, {q}, dim=-1)\nx = F.softplus(k[:, 0]) - F.relu(k[:, 1]) + k[:, 2].abs()",
     "t = torch.tensor([0.0, 0.0, 1.0], device={p}.device)\nx = ({p} * t).sum(dim=-1) + torch.atan2({q}[:, 0], {q}[:, 1] + 2.0)",
+    "x = 0.0\nfor i in range(3):\n    x += torch.exp(-torch.abs({p}[:, i] - {q}[:, i]))\nx /= 3",
+    "w = {{'near': 1, 'high': 0.5}}\nc = {{'near': torch.exp(-torch.norm({p} - {q}, dim=-1)), 'high': {p}[:, 2]}}\nc = {{k: w[k] * v for k, v in c.items()}}\nx = sum(c.values())",
+    "parts = []\nnames = []\nfor i, n in enumerate(['x', 'y', 'z']):\n    parts.append({p}[:, i] - {q}[:, i])\n    names.append(n)\nx = torch.stack(parts, dim=-1).abs().sum(dim=-1) * len(names)",
+    "x = torch.zeros_like({p}[:, 0])\nfor w, v in ((1, {p}), (0.5, {q})):\n    x += w * torch.norm(v, dim=-1)",
+    "def soft(d, t=1):\n    return torch.exp(-d / t)\nd = torch.norm({p} - {q}, dim=-1)\nx = soft(d) + soft(d, 0.1) + soft(d, t=2)",
+    "c = {{'p': {p}.norm(dim=-1)}}\nc = {{**c, 'q': {q}.norm(dim=-1)}}\nx = sum(w * v for w, v in zip([1, 0.5], c.values()))",
+    "x = -torch.norm({p} - {q}, dim=-1)\nbonus = 0\nif {p}.shape[1] == 3:\n    bonus = (x > -0.1).float() * 10\nx = x + bonus",
+    "terms = [('p', {p}[:, 0], 2), ('q', {q}[:, 1], 0.5)]\nx = 0\nfor _, v, w in terms:\n    x = x + w * torch.tanh(v)",
 ]
 MAPPINGS = [
     "[self.dist(self.{p}, self.{q})], [False], ['distance']",
     "[(self.dist(self.{p}, self.{q}) + self.{p}[:, 2]) / 2, self.obs_buf[:, -2]], [False, True], ['mean', 'seen']",
     "self.{p}[:, 0] - self.{q}[:, 1], True, 'side'",
     "(dist(self.{p}, self.{q}), torch.norm(self.{q}, dim=-1)), (False, True), ('reach', 'far')",
+    "[self.{p}[:, i] for i in range(3)], [True] * 3, [f'axis_{{i}}' for i in range(3)]",
+    "[v for _, v in [('a', self.{p}[:, 0]), ('b', self.{q}[:, 1])]], [True] + [False], ['a'] + ['b']",
 ]
 
 
@@ -89,7 +99,7 @@ def test_sound_functions_are_accepted_over_all_tasks(sandbox, tmp_path):
 
 @pytest.mark.slow
 def test_all_sound_functions_are_accepted_over_all_tasks(sandbox, tmp_path):
-    """Twenty rewards and five mappings for every task: at least 98 % must be accepted."""
+    """Twenty-eight rewards and seven mappings for every task: at least 98 % must be accepted."""
     found = [refused(sandbox, tmp_path, task, len(REWARDS)) for task in TASKS]
     total, bad = sum(count for count, _ in found), [each for _, bad in found for each in bad]
     assert len(bad) <= 0.02 * total, bad
