@@ -69,7 +69,6 @@ def test_reads_are_what_is_not_declared():
     )
     reads = check(source)
     assert reads["near"].variables == {"b"}
-    assert reads["near"].constants == {"T"}
     assert reads["compute_reward"].variables == {"a", "steps"}
     assert reads["compute_reward"].helpers == {"near"}
 

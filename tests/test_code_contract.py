@@ -36,7 +36,7 @@ METHOD_CALLS = """
     a.F(1, torch.tensor([0, 1])) | a.F(1, torch.zeros_like(a).long()) | a.mean().F() | a.F(0, 0, 1) | a.F(b.dtype)
     a.F(b, 0.5) | a.F([16, 3], 0.5) | a.clone().F(b) | a.clone().F() | a.clone().F(0.5) | a.clone().F(0, 1)
     a.clone().F(a > 0, 0.0) | [a].F(a) | {'z': a}.F() | {'z': a}.F('z') | [a].F([a]) | 'z'.F(1) | {'z': a}.F({'z': b})
-    a.F(a > 0, b) | a.F(1, [3, 1]) | a.F([1, 0])
+    a.F(a > 0, b) | a.F(1, [3, 1]) | a.F([1, 0]) | 'z'.F() | 'z'.F('z') | 'z'.F('z', 'y')
 """
 
 

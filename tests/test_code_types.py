@@ -1,4 +1,4 @@
-"""Functions whose names and lists change their type, as Python lets them: they mean here what they mean there."""
+"""What Python lets one write and TorchScript does not, types that change above all: it means here what it means there."""
 
 import math
 
@@ -46,6 +46,32 @@ BODIES = {
     "list multiplied": "n = 2\nw = [0.5] * n + [1.0] * 1\nx = a[:, 0] * (w[0] + w[2]) * len(w)",
     "dictionaries merged": "c = {'a': a[:, 0]}\nd = {**c, 'b': b[:, 0], **{'a': a[:, 1]}}\nc['a'] = b[:, 2]\nx = d['a'] + d['b']",
     "copy of a dictionary": "c = {'a': a[:, 0]}\nd = {**c}\nd['a'] = b[:, 0]\nx = c['a'] + 2 * d['a']",
+    "condition in a comprehension": "c = {'a': a[:, 0], 'b': b[:, 0], 'c': a[:, 1]}\nx = sum(v for k, v in c.items() if k != 'b')",
+    "conditions": "x = sum([a[:, i] * i for i in range(9) if i % 2 if i < 3 or i == 1])",
+    "condition in a dictionary": "c = {'a': a[:, 0], 'b': b[:, 0]}\nd = {k: 2 * v for k, v in c.items() if k == 'b'}\nx = d['b'] + len(d)",
+    "two loops in a comprehension": "x = sum(w * y[:, i] for w, y in [(1, a), (0.5, b)] for i in range(3))",
+    "comprehension in a comprehension": "x = sum(sum(y[:, i] for i in range(3)) for y in [a, b] if y.shape[1] == 3)",
+    "names of a comprehension are its own": "k = 2.0\ny = [k for k in range(5) if k > 2]\nx = a[:, 0] * k * len(y)",
+    "condition in a branch and a loop": "x = a[:, 0]\nfor y in [v for v in [a, b] if v.shape[0] > 1]:\n    if len([i for i in range(3) if i > 0]) == 2:\n        x = x + y[:, 1]",
+    "tuples side by side": "x = 0\nfor w, y in zip((1, 0.5), (a[:, 0], b[:, 0])):\n    x = x + w * y",
+    "tuple with numbers": "x = 0\nfor i, y in enumerate((a[:, 0], b[:, 0])):\n    x = x + i * y",
+    "named tuples side by side": "names, w = ('a', 'b'), (1, 0.5)\nys = (a[:, 0], b[:, 0])\nx = 0\nfor n, y in zip(names, ys):\n    x = x + y * len(n)\nfor y in ys:\n    x = x + y",
+    "named rows": "rows = ((1, a), (0.5, b))\nx = 0\nfor w, y in rows:\n    x = x + w * y[:, 0]",
+    "a tuple that is taken apart": "pair = (a[:, 0], b[:, 0])\np, q = pair\nx = p - q",
+    "columns of rows": "rows = [(a[:, 0], 'p'), (b[:, 0], 'qq')]\nys, names = zip(*rows)\nx = ys[0] * len(names[1]) + ys[1]",
+    "columns as lists": "rows = [(a[:, 0], 2), (b[:, 0], 3)]\nys, ws = map(list, zip(*rows))\nx = ys[0] * ws[1] + ys[1]",
+    "parts of a call": "parts = (a[:, 0], b[:, 0])\nx = torch.maximum(*parts) + torch.minimum(*[a[:, 1], b[:, 1]]) + torch.zeros(*a.shape).sum(-1)",
+    "parts of a list that is filled": "parts = []\nparts.append(a[:, 0])\nparts.append(b[:, 0])\nx = torch.maximum(*parts)",
+    "sorted dictionary": "w = {'b': a[:, 0], 'a': b[:, 0]}\nx = 0\nfor i, k in enumerate(sorted(w)):\n    x = x + i * w[k]",
+    "another name for a function": "norm = torch.norm\ndef h(y):\n    return 2 * y\ntwice = h\nx = twice(norm(a - b, dim=-1))",
+    "inner function that fills a dictionary": "c = {}\ndef add(name, y):\n    c[name] = 2 * y\nadd('a', a[:, 0])\nadd('b', b[:, 0])\nx = c['a'] - c['b']",
+    "inner function that fills lists": "ys, names, ups, ws = [], [], [], []\ndef add(y, name, up=False, w=1.0):\n    ys.append(y)\n    names.append(name)\n    ups.append(up)\n    ws.append(w)\nadd(a[:, 0], 'a', up=True)\nadd(b[:, 0], 'bb', w=0.5)\nx = ys[0] * len(names[1]) - ys[1] * ws[1] if ups[0] else b[:, 1]",
+    "helper that is given a dictionary": "def total(terms, weights):\n    return sum(weights[k] * v for k, v in terms.items())\nx = total({'a': a[:, 0], 'b': b[:, 0]}, {'a': 1, 'b': 0.5})",
+    "numbers by name and formula": "def soft(y, t):\n    return torch.exp(-y / t)\nt = 0.5\nhalf = t / 2\nx = soft(a[:, 0], half) + soft(a[:, 1], 2 * t) + soft(a[:, 2], math.pi)",
+    "bounds as a pair": "def inside(y, bounds=(0.0, 1.0), margin: float = 0):\n    low, high = bounds\n    if low > high:\n        raise ValueError(f'wrong {bounds}')\n    return ((y > low) & (y < high)).float() + margin\nx = inside(a[:, 0]) + inside(a[:, 1], (0, 0.5), margin=1)",
+    "new tensor": "up = a.new_tensor([0, 0, 1])\nx = (a * up).sum(-1)",
+    "distances between points": "x = torch.cdist(a.unsqueeze(1), torch.stack([a, b], dim=1)).squeeze(1).sum(-1) + torch.cdist(a[None], b[None], p=1.0)[0, :, 0]",
+    "texts": "x = 0\nfor leg in ['LF', 'RF']:\n    if leg.lower().startswith('l'):\n        x = x + a[:, 0]\nx = x * len('a_b'.replace('_', '').upper())",
     "builtins": "w = {'b': 0.5, 'a': 1.0}\nok = all([True, 1 < 2]) and not any([False])\nx = pow(a[:, 0], 2) * pow(2, 3)\nfor k in sorted(w.keys()):\n    x = x * 2 + w[k]\nx = x if ok else b[:, 0]",
     "a number for good before a list of names": "k = 0.0\nk = math.sqrt(a.abs().mean())\nn = []\nn.append('a')\nx = a[:, 0] * len(n) * k",
     "bare types": "y: list = []\nn: dict = {'n': 1}\ny.append(a[:, 0])\nx = y[0] * n['n']",
@@ -89,6 +115,39 @@ def test_lists_that_begin_empty_hold_what_they_are_given(portable):
     assert (rises, names) == ([True, False], ["a_0", "a_1"])
 
 
+@BOTH
+def test_numbers_among_the_components_stand_for_every_environment(portable):
+    body = "w = 2.0\nc = {'x': a[:, 0], 'w': w}\nc['half'] = w / 2"
+    _, components = compile_reward(reward(body, result="a[:, 0], c"), VARIABLES, portable)(values(3))
+    assert {name: value.tolist() for name, value in components.items() if name != "x"} == {
+        "w": [2.0] * 3,
+        "half": [1.0] * 3,
+    }
+    _, components = compile_reward(reward("pass", result="a[:, 0], {'one': 1}"), VARIABLES, portable)(values(3))
+    assert components["one"].tolist() == [1.0] * 3
+
+
+def test_helpers_share_self_and_other_names_for_its_functions():
+    source = (
+        "def height(self):\n    return self.a[:, 2]\n"
+        "def mapping_function(self):\n"
+        "    d = self.dist\n"
+        "    return [height(self), d(self.a, self.b)], [True, False], ['height', 'distance']\n"
+    )
+    states = values(3)
+    progress, _, _ = compile_mapping(source, VARIABLES, False)(states)
+    assert torch.equal(progress[0], states["a"][:, 2])
+    torch.testing.assert_close(progress[1], torch.norm(states["a"] - states["b"], dim=-1))
+
+
+def test_constants_may_be_computed_from_each_other_and_stand_in_a_class():
+    source = "HALF = math.pi / 2\nANGLE = math.radians(90.0) + 0 * HALF\nNAMES = ('p', 'qq')\nclass_like = [HALF, 1]\n"
+    source += reward("x = a[:, 0] * ANGLE / Config.HALF * len(NAMES[1]) * class_like[1]")
+    states = values(4)
+    total, _ = compile_reward(source, VARIABLES, False)(states)
+    torch.testing.assert_close(total, 2.0 * states["a"][:, 0])
+
+
 def test_constants_beside_the_function_may_be_dictionaries_and_tensors():
     source = "W = {'near': 1, 'far': 0.5}\nUP = torch.tensor([0, 0, 2], dtype=torch.float32)\nS = 2 ** 0.5\n"
     states = values(4)
@@ -99,15 +158,15 @@ def test_constants_beside_the_function_may_be_dictionaries_and_tensors():
 @pytest.mark.parametrize(
     ("constant", "says"),
     [
-        ("W = torch.load('x')", "the constant W is not written out"),
-        ("W = torch.tensor(open('x'))", "the constant W is not written out"),
-        ("W = torch.tensor([1.0], out=torch.ones(1))", "the constant W is not written out"),
-        ("W = {'a': open('x')}", "the constant W is not written out"),
+        ("W = torch.load('x')", "torch.load is not on the list"),
+        ("W = torch.tensor(open('x'))", "the constant W is not computed from numbers alone"),
+        ("W = torch.tensor([1.0], out=torch.ones(1))", "the keyword out is not allowed"),
+        ("W = {'a': open('x')}", "the constant W is not computed from numbers alone"),
         ("W = 'cuda:0'", "the device 'cuda:0' is written into the code"),
         ("W = [1, 10000001]", "larger than 10000000"),
     ],
 )
-def test_constants_are_written_out(constant, says):
+def test_constants_are_computed_from_numbers_alone(constant, says):
     with pytest.raises(CodeError, match=says):
         script(f"{constant}\n" + reward("x = a[:, 0] * W"), TABLE)
 

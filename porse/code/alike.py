@@ -5,10 +5,10 @@
 
 import ast
 from collections.abc import Mapping, Sequence
+from typing import TypeGuard
 
-from porse.code.annotations import type_text, value_type
+from porse.code.annotations import number_kind, type_text, value_type
 from porse.code.contract import MAX_INTEGER
-from porse.code.hoist import number_type
 from porse.code.program import Program
 from porse.code.syntax import all_arguments, defaults, given_values
 from porse.variables import Variable
@@ -19,10 +19,11 @@ def give_numbers_one_type(program: Program, variables: Mapping[str, Variable]) -
 
     So are the integers that a helper is given where it is given floats too, or says that it wants some.
     """
-    for tree in [*program.helpers.values(), program.main, *program.constants.values()]:
+    for tree in [*program.helpers.values(), program.main]:
         _make_rows(tree)
         for node in ast.walk(tree):
             _make_alike(_siblings(node))
+    _make_components(program.main, variables)
     for helper in program.helpers.values():
         _make_arguments_alike(program, helper, variables)
 
@@ -48,11 +49,42 @@ def _siblings(node: ast.AST) -> Sequence[ast.expr]:
     return [keyword.value for keyword in node.keywords] if is_dict and isinstance(node, ast.Call) else []
 
 
+def _make_components(main: ast.FunctionDef, variables: Mapping[str, Variable]) -> None:
+    """Makes tensors, in place, of the numbers among the components that a reward returns."""
+    returned = [node.value.elts[1] for node in ast.walk(main) if isinstance(node, ast.Return) and _is_pair(node.value)]
+    names = {value.id for value in returned if isinstance(value, ast.Name)}
+    dictionaries = [value for value in returned if isinstance(value, ast.Dict)]
+    for node in ast.walk(main):
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+        owner = target.value if isinstance(target, ast.Subscript) else target
+        if isinstance(owner, ast.Name) and owner.id in names and node.value is not None:
+            if isinstance(node.value, ast.Dict):
+                dictionaries.append(node.value)
+            elif isinstance(target, ast.Subscript):
+                node.value = _tensor(node.value, main, variables)
+    for dictionary in dictionaries:
+        dictionary.values = [_tensor(value, main, variables) for value in dictionary.values]
+
+
+def _is_pair(value: ast.expr | None) -> TypeGuard[ast.Tuple]:
+    return isinstance(value, ast.Tuple) and len(value.elts) == 2
+
+
+def _tensor(value: ast.expr, function: ast.FunctionDef, variables: Mapping[str, Variable]) -> ast.expr:
+    if value_type(value, function, variables) not in ("int", "float"):
+        return value
+    torch_tensor = ast.Attribute(value=ast.Name(id="torch", ctx=ast.Load()), attr="tensor", ctx=ast.Load())
+    return ast.fix_missing_locations(ast.copy_location(ast.Call(func=torch_tensor, args=[value], keywords=[]), value))
+
+
 def _make_arguments_alike(program: Program, helper: ast.FunctionDef, variables: Mapping[str, Variable]) -> None:
     """Gives each argument of a helper one type of number, over its default and all its calls."""
     for argument in all_arguments(helper):
         values = given_values(program, helper, argument)
-        kinds = {_kind(value) or value_type(value, function, variables) for value, function in values}
+        _make_alike([value for value, _ in values])
+        kinds = {value_type(value, function, variables) for value, function in values}
         is_declared = argument.annotation is not None and type_text(argument.annotation) == "float"
         is_number = argument.arg in defaults(helper) or "" not in kinds
         if is_declared or (is_number and "float" in kinds):
@@ -78,16 +110,9 @@ def _make_alike(values: Sequence[ast.expr]) -> None:
 
 
 def _kind(node: ast.expr) -> str:
-    """Returns "int" or "float" for a number that is written out, or a sum or product of some, "" for anything else."""
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div | ast.Pow):
-        sides = {_kind(node.left), _kind(node.right)}
-        return "" if "" in sides else "float" if "float" in sides or isinstance(node.op, ast.Div) else "int"
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        return _kind(node.operand)
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-        return "float" if node.attr in ("pi", "e", "inf") and node.value.id in ("math", "torch", "np", "numpy") else ""
-    kind = number_type(node)
-    return "" if kind == "bool" else kind
+    """Returns "int" or "float" for a number that is written out, or arithmetic of some, "" for anything else."""
+    kind = number_kind(node, _kind)
+    return kind if kind in ("int", "float") else ""
 
 
 def _make_float(node: ast.expr) -> None:

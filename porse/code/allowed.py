@@ -17,9 +17,6 @@ from porse.code.contract import (
 from porse.code.verdict import CodeError
 from porse.variables import Variable
 
-_CONSTANT_NODES = (
-    ast.Constant, ast.UnaryOp, ast.USub, ast.UAdd, ast.BinOp, ast.operator, ast.List, ast.Tuple, ast.Dict, ast.Load,
-)  # fmt: skip
 _DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")
 _KEYWORDS = frozenset(("out", "names", "generator", "pin_memory", "memory_format", "layout"))
 _NUMPY = ("numpy.pi", "numpy.inf", "numpy.e", "numpy.nan")
@@ -35,32 +32,6 @@ def path_allowed(path: str) -> bool:
     if module == "torch":
         return name in TORCH_FUNCTIONS or name in TORCH_CONSTANTS
     return module.startswith("torch.") and name in TORCH_MODULES.get(module.removeprefix("torch."), ())
-
-
-def is_constant(value: ast.expr) -> bool:
-    """Whether a module-level value may be offered to functions: numbers, texts, lists and dictionaries of them, tensors."""
-    if isinstance(value, ast.Call):
-        data, keywords = value.args[:1], {keyword.arg: keyword.value for keyword in value.keywords}
-        is_typed = keywords.keys() <= {"dtype"} and all(_is_torch(kind) for kind in keywords.values())
-        return _is_torch(value.func, "tensor") and len(value.args) == 1 and is_typed and is_constant(data[0])
-    return all(isinstance(node, _CONSTANT_NODES) for node in ast.walk(value))
-
-
-def _is_torch(node: ast.expr, *names: str) -> bool:
-    """Whether a node is one of `names` of torch, by default one of its constants."""
-    is_torch = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "torch"
-    return is_torch and isinstance(node, ast.Attribute) and node.attr in (names or TORCH_CONSTANTS)
-
-
-def check_constant(name: str, value: ast.expr) -> None:
-    """Refuses a module-level constant that is more than numbers, texts, lists and dictionaries of them, and tensors."""
-    if not is_constant(value):
-        raise CodeError("static", f"the constant {name} is not written out in plain numbers", value.lineno)
-    for node in ast.walk(value):
-        if isinstance(node, ast.Constant):
-            check_literal(node)
-            if isinstance(node.value, str):
-                check_text(node)
 
 
 def check_literal(node: ast.Constant) -> None:

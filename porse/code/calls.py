@@ -37,6 +37,9 @@ def plain_form(
     if function in _CONSTRUCTORS and is_list:
         keywords["dtype"] = "torch.float32"
         return "torch.tensor", arguments, ""
+    if function == "torch.cdist":
+        # Torch's own differs by CPU.
+        return function, arguments, "cdist"
     if function == "sum" and len(arguments) == 1 and not keywords:
         return function, arguments, "sum"
     return function, arguments, ""

@@ -4,11 +4,11 @@ It also finds what a function reads: task variables as arguments, as `self.<name
 """
 
 import ast
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from porse.code.allowed import (
-    check_constant,
     check_identifier,
     check_keyword,
     check_literal,
@@ -41,7 +41,7 @@ _REASONS: dict[type[ast.AST], str] = {
     ast.FunctionDef: "a function can stand only directly in the function's body or beside it",
     ast.ClassDef: "classes are not allowed",
     ast.Try: "try is not allowed; guard with torch.where or clamp",
-    ast.Raise: "raise is not allowed",
+    ast.Raise: "raise is not allowed, but for an error with a text",
     ast.Global: "global is not allowed",
     ast.NamedExpr: "the := operator is not allowed",
 }
@@ -55,12 +55,10 @@ class Reads:
     Attributes:
         variables: task variables that it reads without declaring them as arguments.
         helpers: functions of the program that it calls.
-        constants: module-level constants that it reads.
     """
 
     variables: frozenset[str]
     helpers: frozenset[str]
-    constants: frozenset[str]
 
 
 def check_program(program: Program, variables: Mapping[str, Variable]) -> dict[str, Reads]:
@@ -69,9 +67,6 @@ def check_program(program: Program, variables: Mapping[str, Variable]) -> dict[s
     Raises:
         CodeError: something is not on the list; checks "static", "variable" and "device".
     """
-    for name, value in program.constants.items():
-        check_identifier(name, value.lineno)
-        check_constant(name, value)
     functions = {**program.helpers, program.main.name: program.main}
     reads = {name: _FunctionCheck(program, f, variables).run() for name, f in functions.items()}
     _refuse_recursion(reads, functions)
@@ -102,14 +97,13 @@ class _FunctionCheck:
         self._local = local_names(function)
         self._read: set[str] = set()
         self._helpers: set[str] = set()
-        self._constants: set[str] = set()
 
     def run(self) -> Reads:
         """Checks the whole function and returns what it reads."""
         self._head()
         for statement in self._function.body:
             self._visit(statement)
-        return Reads(frozenset(self._read), frozenset(self._helpers), frozenset(self._constants))
+        return Reads(frozenset(self._read), frozenset(self._helpers))
 
     def _head(self) -> None:
         """Checks name, arguments, default values and annotations."""
@@ -119,7 +113,8 @@ class _FunctionCheck:
             raise CodeError("static", "arguments with * or ** are not allowed; name the variables", function.lineno)
         given = defaults(function)
         for name, value in given.items():
-            if not isinstance(value, ast.Constant) and not number_type(value):
+            is_plain = isinstance(value, ast.Constant) or number_type(value)
+            if not is_plain and not (isinstance(value, ast.Tuple) and all(map(number_type, value.elts))):
                 raise CodeError("static", f"the default value of {name} is not a plain constant", value.lineno)
             self._visit(value)
         for argument in all_arguments(function):
@@ -174,6 +169,12 @@ class _FunctionCheck:
         for statement in node.body:
             self._visit(statement)
 
+    def _raise(self, node: ast.Raise) -> None:
+        """An error may be raised; which, and what it says, is left out."""
+        name = getattr(node.exc.func, "id", "") if isinstance(node.exc, ast.Call) else ""
+        if not re.fullmatch(r"\w*(Error|Exception)", name) or node.cause:
+            raise CodeError("static", _REASONS[ast.Raise], node.lineno)
+
     def _for(self, node: ast.For) -> None:
         if node.orelse:
             raise CodeError("static", "else after for is not allowed", node.lineno)
@@ -206,8 +207,6 @@ class _FunctionCheck:
             check_identifier(name, node.lineno)
         elif name in self._variables:
             self._read.add(name)
-        elif name in self._program.constants:
-            self._constants.add(name)
         elif name in self._modules and path_allowed(self._modules[name]):
             return
         elif name == self._program.main.name:
@@ -222,8 +221,6 @@ class _FunctionCheck:
             self._check_self(node)
             if node.attr in self._variables:
                 self._read.add(node.attr)
-            elif node.attr in self._program.constants and node.attr not in self._local:
-                self._constants.add(node.attr)
             else:
                 raise unknown_variable(node.attr, self._variables, node.lineno)
             return

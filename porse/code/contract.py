@@ -75,7 +75,7 @@ TORCH_CONSTANTS = words(
 TORCH_FUNCTIONS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
     arctanh argmax argmin argsort as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not
-    bitwise_or bmm broadcast_tensors broadcast_to cat ceil chunk clamp clamp_max clamp_min clip clone column_stack
+    bitwise_or bmm broadcast_tensors broadcast_to cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack
     concat concatenate copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
     diagonal diff dist div divide dot einsum eq erf exp exp2 expm1 eye fix flatten flip floor floor_divide fmax fmin
     fmod frac full full_like gather ge greater greater_equal gt heaviside hstack hypot index_select inner isclose
@@ -117,9 +117,9 @@ METHODS = words("""
     reshape reshape_as roll round rsqrt select sgn sigmoid sign signbit sin sinc sinh size softmax sort split sqrt
     square squeeze std sub subtract sum swapaxes swapdims t take_along_dim tan tanh tile to topk trace transpose tril
     triu true_divide trunc type type_as unbind unflatten unsqueeze var view view_as where xlogy
-    new_full new_ones new_zeros
+    new_full new_ones new_tensor new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
-    append extend copy items keys values get update format
+    append extend copy items keys values get update format lower upper replace startswith endswith
     """)
 """Methods of tensors, lists, dictionaries and strings."""
 

@@ -59,7 +59,7 @@ def emit(
     used: set[str] = set()
     arguments: tuple[str, ...] = ()
     for name in _order(reads, program.main.name):
-        writer = _Writer(program, program.helpers.get(name, program.main), reads[name], needs, variables, types)
+        writer = _Writer(program, program.helpers.get(name, program.main), needs, variables, types)
         arguments = writer.run()
         lines.extend(writer.lines)
         used |= writer.expressions.used
@@ -99,7 +99,6 @@ class _Writer:
         self,
         program: Program,
         function: ast.FunctionDef,
-        reads: Reads,
         needs: Mapping[str, tuple[str, ...]],
         variables: Mapping[str, Variable],
         types: Mapping[Local, str],
@@ -108,7 +107,6 @@ class _Writer:
         self.expressions = Expressions(program, function, needs, variables)
         self._program = program
         self._function = function
-        self._constants = sorted(reads.constants)
         self._needs = needs[function.name]
         self._variables = variables
         self._types = types
@@ -132,8 +130,7 @@ class _Writer:
                 head.append(f"{name}: {self._helper_type(argument, default) or 'Tensor'}{tail}")
         self.expressions.device = self._device()
         self._write(0, f"def {FUNCTION}{self._function.name}({', '.join(head)}):")
-        constants = [f"{name} = {self.expressions.text(self._program.constants[name])}" for name in self._constants]
-        for text in constants + first:
+        for text in first:
             self._write(1, text)
         self._body(self._function.body, 1)
         return tuple(arguments)
@@ -185,8 +182,7 @@ class _Writer:
         if isinstance(node, ast.Return):
             self._write(depth, f"return {text(node.value)}" if node.value else "return")
         elif isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign):
-            for part in _apart(node):
-                self._assignment(part, depth)
+            self._assignment(node, depth)
         elif isinstance(node, ast.Expr):
             if not isinstance(node.value, ast.Constant) and not _is_print(node.value):
                 self._write(depth, text(node.value))
@@ -201,6 +197,8 @@ class _Writer:
         elif isinstance(node, ast.For):
             self._write(depth, f"for {target(node.target)} in {text(node.iter)}:")
             self._body(node.body, depth + 1)
+        elif isinstance(node, ast.Raise):
+            self._write(depth, 'raise RuntimeError("the function raises an error")')
         elif isinstance(node, ast.Pass | ast.Break | ast.Continue):
             self._write(depth, type(node).__name__.lower())
         elif not isinstance(node, ast.Assert | ast.Import | ast.ImportFrom | ast.Delete):
@@ -244,21 +242,6 @@ class _Writer:
             return f"float({text})"
         whole = {"[]": f"List[{kind}]", "{}": f"Dict[str, {kind}]"}.get(text, "")
         return f"torch.jit.annotate({whole}, {text})" if whole else text
-
-
-def _apart(node: ast.Assign | ast.AugAssign | ast.AnnAssign) -> list[ast.Assign | ast.AugAssign | ast.AnnAssign]:
-    """Returns `values, names = [], []` as an assignment for each name, and any other assignment as it is."""
-    if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Tuple) or len(node.targets) > 1:
-        return [node]
-    target, values = node.targets[0], node.value.elts
-    names = target.elts if isinstance(target, ast.Tuple) else []
-    are_plain = all(number_type(value) or ast.unparse(value) in ("[]", "{}") for value in values)
-    if len(names) != len(values) or not are_plain:
-        return [node]
-    return [
-        ast.copy_location(ast.Assign(targets=[name], value=value), node)
-        for name, value in zip(names, values, strict=True)
-    ]
 
 
 def _is_print(node: ast.expr) -> bool:

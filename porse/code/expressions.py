@@ -109,8 +109,6 @@ class Expressions:
             return FUNCTION + name
         if name in self._variables:
             return VARIABLE + name
-        if name in self._program.constants:
-            return name
         if name in self._modules:
             return _path_text(self._modules[name])
         return self._helper(name)
@@ -131,7 +129,7 @@ class Expressions:
                 return FUNCTION + node.attr
             if node.attr in self._variables:
                 return VARIABLE + node.attr
-            return node.attr if node.attr in self._program.constants else self._helper(node.attr)
+            return self._helper(node.attr)
         return f"{self.text(node.value)}.{node.attr}"
 
     def _subscript(self, node: ast.Subscript) -> str:
@@ -232,6 +230,9 @@ class Expressions:
             return "{" + ", ".join(f"{text_literal(name)}: {value}" for name, value in keywords.items()) + "}"
         if function == "list" and not arguments:
             return "[]"
+        if isinstance(node.func, ast.Attribute) and not path and node.func.attr == "new_tensor":
+            owner = self.text(node.func.value)
+            function, keywords = "torch.tensor", {"dtype": f"{owner}.dtype", "device": f"{owner}.device", **keywords}
         if isinstance(node.func, ast.Attribute) and not path and node.func.attr in _METHODS_WRITTEN_ANEW:
             function, owner = f"torch.{node.func.attr}", self.text(node.func.value)
             arguments = [owner, *arguments]

@@ -135,6 +135,9 @@ def _assemble(main: _Function, functions: list[_Function], around: Surroundings)
             if helper is not None and name != main.chunk.name and name not in needed:
                 needed[name] = helper
                 queue.append(helper)
+    for name in reversed(around.constants):
+        if name in names:  # each reads only those before it
+            names |= around.read[name]
     parts = [(number, text) for number, text, _ in around.imports_of(names)]
     parts += [line for name, block in around.constants.items() if name in names for line in block]
     for function in [*sorted(needed.values(), key=lambda f: f.chunk.lines[0]), main]:

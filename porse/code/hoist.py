@@ -4,7 +4,7 @@ TorchScript knows neither. What an inner function reads of the outer one is hand
 """
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from porse.code.verdict import CodeError
 
@@ -32,7 +32,8 @@ def hoist(function: ast.FunctionDef) -> list[ast.FunctionDef]:
                 f.lineno,
             )
         own = [
-            ast.arg(arg=c, annotation=_annotation(c, function), lineno=f.lineno, col_offset=0) for c in captures[name]
+            ast.arg(arg=c, annotation=_annotation(c, function, inner), lineno=f.lineno, col_offset=0)
+            for c in captures[name]
         ]
         reads_self = any(isinstance(n, ast.Name) and n.id == "self" for n in ast.walk(f))
         first = [ast.arg(arg="self", lineno=f.lineno, col_offset=0)] if reads_self and "self" not in _bound(f) else []
@@ -95,8 +96,8 @@ def _read(function: ast.FunctionDef) -> set[str]:
     return {n.id for s in function.body for n in ast.walk(s) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
 
 
-def _annotation(name: str, function: ast.FunctionDef) -> ast.expr | None:
-    """Returns the type of a name of the outer function: as declared, or of the plain number that it is."""
+def _annotation(name: str, function: ast.FunctionDef, inner: Mapping[str, ast.FunctionDef]) -> ast.expr | None:
+    """Returns the type of a name of the outer function: as declared, or of the plain number or the list that it is."""
     for argument in [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]:
         if argument.arg == name:
             return argument.annotation
@@ -112,9 +113,63 @@ def _annotation(name: str, function: ast.FunctionDef) -> ast.expr | None:
     ]
     if declared:
         return declared[0]
+    if values and all(isinstance(value, ast.Dict | ast.DictComp) for value in values):
+        return _at(function, "Dict[str, torch.Tensor]")
+    if values and all(isinstance(value, ast.List | ast.ListComp) for value in values):
+        return _declare(name, function, inner)
     kinds = {number_type(value) for value in values}
     kind = kinds.pop() if len(kinds) == 1 else ""
     return ast.Name(id=kind, ctx=ast.Load(), lineno=function.lineno, col_offset=0) if kind else None
+
+
+def _declare(name: str, function: ast.FunctionDef, inner: Mapping[str, ast.FunctionDef]) -> ast.expr:
+    """Returns the type of a list by what is appended to it, tensors if that is not plain, and declares it where it begins."""
+    kinds = set()
+    for owner in [function, *inner.values()]:
+        for node in ast.walk(owner):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == f"{name}.append" and len(node.args) == 1:
+                kinds.add(_appended(node.args[0], owner, function))
+    kind = (kinds.pop() if len(kinds) == 1 else "") or "torch.Tensor"
+    for node in ast.walk(function):
+        body: list[ast.stmt] = node.body if isinstance(node, ast.FunctionDef | ast.If | ast.For | ast.With) else []
+        for number, statement in enumerate(body):
+            if isinstance(statement, ast.Assign) and ast.unparse(statement) == f"{name} = []":
+                target = ast.copy_location(ast.Name(id=name, ctx=ast.Store()), statement)
+                declared = ast.AnnAssign(
+                    target=target, annotation=_at(function, f"List[{kind}]"), value=statement.value, simple=1
+                )
+                body[number] = ast.copy_location(declared, statement)
+    return _at(function, f"List[{kind}]")
+
+
+def _appended(value: ast.expr, owner: ast.FunctionDef, function: ast.FunctionDef) -> str:
+    """Returns the type of a text or number that is appended, also as an argument of the function that appends it."""
+    names = [argument.arg for argument in owner.args.args]
+    if not isinstance(value, ast.Name) or value.id not in names:
+        return "str" if isinstance(value, ast.JoinedStr) or _is_text(value) else number_type(value)
+    given = dict(zip(names[::-1], owner.args.defaults[::-1], strict=False))
+    if value.id in given:
+        return number_type(given[value.id])
+    position = names.index(value.id)
+    calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and ast.unparse(n.func) == owner.name]
+    kinds = {
+        "str" if isinstance(part, ast.JoinedStr) or _is_text(part) else number_type(part)
+        for call in calls
+        for part in [*call.args[position : position + 1], *(k.value for k in call.keywords if k.arg == value.id)]
+    }
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def _is_text(value: ast.expr) -> bool:
+    return isinstance(value, ast.Constant) and isinstance(value.value, str)
+
+
+def _at(where: ast.FunctionDef, text: str) -> ast.expr:
+    """Returns the tree of a type at the place of a function."""
+    tree = ast.parse(text, mode="eval").body
+    for node in ast.walk(tree):
+        ast.copy_location(node, where)
+    return tree
 
 
 def number_type(node: ast.expr | None) -> str:

@@ -29,6 +29,10 @@ def porse_merged(first: Dict[str, Tensor], more: Dict[str, Tensor]):
     both.update(more)
     return both
 """,
+    "cdist": """\
+def porse_cdist(a: Tensor, b: Tensor, p: float = 2.0):
+    return torch.linalg.vector_norm((a.unsqueeze(-2) - b.unsqueeze(-3)), p, [-1])
+""",
     "functional_normalize": """\
 def porse_functional_normalize(x: Tensor, p: float = 2.0, dim: int = 1, eps: float = 1e-12):
     return x / torch.clamp_min(torch.linalg.vector_norm(x, p, [dim], True), eps).expand_as(x)
@@ -69,5 +73,6 @@ def porse_tensor_clamp(t: Tensor, low: Tensor, high: Tensor):
     return torch.maximum(torch.minimum(t, high), low)
 """,
 }
-"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, and `functional_normalize` is
-torch.nn.functional.normalize, which takes longer to compile from its own source."""
+"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, `cdist` is torch.cdist with
+the same bits on every CPU, and `functional_normalize` is torch.nn.functional.normalize, which takes longer to compile from
+its own source."""

@@ -6,8 +6,10 @@ The source of a candidate goes through here each time it is compiled, since a fi
 import ast
 from dataclasses import dataclass
 
-from porse.code.contract import MAX_SOURCE_LINES, MODULES
+from porse.code.constants import is_constant, place_constants
+from porse.code.contract import MAX_SOURCE_LINES, MAX_TREE_NODES, MODULES
 from porse.code.hoist import hoist
+from porse.code.plainly import call_without_self, start_apart, write_plainly
 from porse.code.scan import parse_source
 from porse.code.verdict import CodeError
 
@@ -28,13 +30,11 @@ class Program:
     Attributes:
         main: the function itself, the last one of the source.
         helpers: the other functions by name.
-        constants: module-level numbers, texts, lists and dictionaries of them, and tensors, by name.
         modules: dotted path for each name that stands for a module or for something imported from one.
     """
 
     main: ast.FunctionDef
     helpers: dict[str, ast.FunctionDef]
-    constants: dict[str, ast.expr]
     modules: dict[str, str]
 
 
@@ -57,10 +57,12 @@ def parse_program(source: str) -> Program:
             functions[node.name] = node
         elif isinstance(node, ast.Import | ast.ImportFrom):
             modules.update(import_names(node))
-        elif isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
-            constants[node.targets[0].id] = node.value
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.value is not None:
-            constants[node.target.id] = node.value
+        elif isinstance(node, ast.Assign | ast.AnnAssign) and constant_of(node)[0]:
+            name, value = constant_of(node)
+            if value is None or not is_constant(value, constants):
+                raise CodeError("static", f"the constant {name} is not computed from numbers alone", node.lineno)
+            constants.pop(name, None)
+            constants[name] = value
         else:
             raise CodeError("static", f"a {type(node).__name__} statement is not allowed beside functions", node.lineno)
     if not functions:
@@ -68,13 +70,39 @@ def parse_program(source: str) -> Program:
     *helpers, main = functions.values()
     found = {f.name: f for f in helpers}
     for function in [*helpers, main]:
+        start_apart(function)
         for inner in hoist(function):
             if inner.name in found or inner.name == main.name:
                 raise CodeError(
                     "static", f"two functions are named {inner.name}; give each a name of its own", inner.lineno
                 )
             found[inner.name] = inner
-    return Program(main, found, constants, modules)
+    methods = {name for name, helper in found.items() if helper.args.args and helper.args.args[0].arg == "self"}
+    size = 0
+    for function in [*found.values(), main]:
+        place_constants(function, constants, _bound(function) | modules.keys())
+        size += sum(1 for _ in ast.walk(function))
+        if size > 2 * MAX_TREE_NODES:
+            raise CodeError("syntax", "the functions with the constants that they read are too large", function.lineno)
+        call_without_self(function, methods)
+        write_plainly(function)
+    return Program(main, found, modules)
+
+
+def constant_of(node: ast.Assign | ast.AnnAssign) -> tuple[str, ast.expr | None]:
+    """Returns the name and the value of an assignment to one name, an empty name for any other."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+    is_one = len(targets) == 1 and isinstance(targets[0], ast.Name) and node.value is not None
+    return (targets[0].id, node.value) if is_one and isinstance(targets[0], ast.Name) else ("", None)
+
+
+def _bound(function: ast.FunctionDef) -> set[str]:
+    """Returns the arguments of a function and every name that it assigns."""
+    return {
+        node.arg if isinstance(node, ast.arg) else node.id
+        for node in ast.walk(function)
+        if isinstance(node, ast.arg) or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
+    }
 
 
 def import_names(node: ast.Import | ast.ImportFrom) -> dict[str, str]:

@@ -26,8 +26,10 @@ from porse.code.program import parse_program
 from porse.code.verdict import Check, CodeError
 from porse.variables import Variable
 
-_NAMESPACE: dict[str, Any] = {"torch": torch, "math": math, FUNCTIONAL: torch.nn.functional}
-_ROUNDS = 8
+_NAMESPACE: dict[str, Any] = {
+    "torch": torch, "math": math, FUNCTIONAL: torch.nn.functional, "RuntimeError": RuntimeError,
+}  # fmt: skip
+_ROUNDS = 24
 """How often a text is written anew for names whose first value told the wrong type."""
 
 

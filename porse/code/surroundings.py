@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.code.allowed import is_constant
+from porse.code.constants import is_constant
 from porse.code.contract import MODULES, words
-from porse.code.program import DEFAULT_MODULES
+from porse.code.program import DEFAULT_MODULES, constant_of
 from porse.code.scan import Chunk, bracketed, parse_source, regions
 from porse.code.verdict import CodeError
 
@@ -38,11 +38,13 @@ class Surroundings:
     Attributes:
         imports: line number, text and tree of each import.
         constants: line numbers and texts of each constant, by name; the last one of a name.
+        read: the names that each constant reads.
         others: line number, stretch of the reply and tree of every statement.
     """
 
     imports: list[tuple[int, str, Import]]
     constants: dict[str, list[tuple[int, str]]]
+    read: dict[str, set[str]]
     others: list[tuple[int, int, ast.stmt]]
 
     def imports_of(self, names: set[str]) -> list[tuple[int, str, Import]]:
@@ -52,7 +54,7 @@ class Surroundings:
 
 def surroundings(lines: list[str], inside: set[int]) -> Surroundings:
     """Returns what stands beside the functions, whose line numbers are `inside`."""
-    found = Surroundings([], {}, [])
+    found = Surroundings([], {}, {}, [])
     where = regions(lines)
     end = 0
     for number, line in enumerate(lines, start=1):
@@ -69,8 +71,11 @@ def surroundings(lines: list[str], inside: set[int]) -> Surroundings:
         found.others.append((number, where[number - 1], node))
         if isinstance(node, ast.Import | ast.ImportFrom):
             found.imports.append((number, text, node))
-        elif isinstance(node, ast.Assign | ast.AnnAssign) and _constant_name(node):
-            found.constants[_constant_name(node)] = list(enumerate(block, start=number))
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            name, value = constant_of(node)
+            if name and value is not None and is_constant(value, found.constants):
+                found.constants[name] = list(enumerate(block, start=number))
+                found.read[name] = set(names_read(value))
     return found
 
 
@@ -119,13 +124,6 @@ def _statement(text: str) -> ast.stmt | None:
     except CodeError:
         return None
     return body[0] if len(body) == 1 else None
-
-
-def _constant_name(node: ast.Assign | ast.AnnAssign) -> str:
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-    if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
-        return ""
-    return targets[0].id if is_constant(node.value) else ""
 
 
 def _modules(node: Import) -> list[str]:

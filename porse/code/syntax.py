@@ -48,7 +48,12 @@ def given_values(
 def assigned_values(function: ast.FunctionDef, name: str) -> Iterator[ast.expr]:
     """Yields every value that a function assigns to a name."""
     for node in ast.walk(function):
-        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == name for t in node.targets):
+        targets = (
+            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AugAssign) else []
+        )
+        if isinstance(node, ast.Assign | ast.AugAssign) and any(
+            isinstance(t, ast.Name) and t.id == name for t in targets
+        ):
             yield node.value
 
 
