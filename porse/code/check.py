@@ -172,8 +172,10 @@ class _FunctionCheck:
     def _raise(self, node: ast.Raise) -> None:
         """An error may be raised; which, and what it says, is left out."""
         name = getattr(node.exc.func, "id", "") if isinstance(node.exc, ast.Call) else ""
-        if not re.fullmatch(r"\w*(Error|Exception)", name) or node.cause:
+        if not isinstance(node.exc, ast.Call) or not re.fullmatch(r"\w*(Error|Exception)", name) or node.cause:
             raise CodeError("static", _REASONS[ast.Raise], node.lineno)
+        for part in [*node.exc.args, *node.exc.keywords]:
+            self._visit(part)
 
     def _for(self, node: ast.For) -> None:
         if node.orelse:
