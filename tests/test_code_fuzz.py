@@ -105,6 +105,12 @@ def _grow(inner):
         st.tuples(inner, inner).map(lambda t: f"{t[0]}[{t[1]}]"),
         st.tuples(inner, inner, inner).map(lambda t: f"({t[0]} if {t[1]} else {t[2]})"),
         st.tuples(inner, inner).map(lambda t: f"[{t[0]} for y in {t[1]}]"),
+        st.tuples(inner, inner, inner).map(lambda t: f"[{t[0]} for y, x in {t[1]} if {t[2]}]"),
+        st.tuples(inner, inner, inner).map(lambda t: f"{{{t[0]}: y for y in {t[1]} for z in {t[2]}}}"),
+        st.tuples(inner, inner).map(lambda t: f"sum(y * z for y, z in zip({t[0]}, ({t[1]}, 1)))"),
+        st.tuples(inner, inner).map(lambda t: f"{{**{t[0]}, 'k': {t[1]}}}"),
+        st.tuples(names, inner).map(lambda t: f"torch.{t[0]}(*{t[1]})"),
+        arguments.map(lambda t: f"({t},)"),
         arguments.map(lambda t: f"[{t}]"),
         st.tuples(inner, inner).map(lambda t: f"{{{t[0]}: {t[1]}}}"),
     )
@@ -117,6 +123,11 @@ _LINES = st.one_of(
     _EXPRESSIONS.map(lambda e: f"x[0] = {e}"),
     _EXPRESSIONS.map(lambda e: f"if {e}:\n    x = a[:, 1]"),
     _EXPRESSIONS.map(lambda e: f"for i in {e}:\n    x = x + 1"),
+    _EXPRESSIONS.map(lambda e: f"k = 0\nfor i in {e}:\n    k += i"),
+    _EXPRESSIONS.map(lambda e: f"k = []\nk.append({e})\nx = k"),
+    _EXPRESSIONS.map(lambda e: f"x, y = zip(*{e})"),
+    _EXPRESSIONS.map(lambda e: f"k, n = [], {{}}\ndef add(v, w=1):\n    k.append(v)\n    n[w] = v\nadd({e})"),
+    _EXPRESSIONS.map(lambda e: f"y = {e}\nx = y(x)"),
     _EXPRESSIONS,
 )
 

@@ -7,6 +7,7 @@ import torch
 
 from code_cases import VARIABLES, reward, values
 from porse.code.compile import compile_mapping, compile_reward
+from porse.code.extract import extract
 from porse.code.script import script
 from porse.code.verdict import CodeError
 
@@ -140,9 +141,49 @@ def test_helpers_share_self_and_other_names_for_its_functions():
     torch.testing.assert_close(progress[1], torch.norm(states["a"] - states["b"], dim=-1))
 
 
+def test_variables_may_be_read_by_names_that_are_written_out():
+    source = (
+        "SIDES = ('a', 'b')\n"
+        "def mapping_function(self):\n"
+        "    x = torch.zeros(self.num_envs)\n"
+        "    for side in SIDES:\n"
+        "        x = x + getattr(self, side)[:, 0]\n"
+        "    names = [f'{side}_1' for side in SIDES]\n"
+        "    y = torch.stack([getattr(self, f'{side}')[:, 1] for side in ('a', 'b')]).sum(0)\n"
+        "    return [x, y, getattr(self, 'ste' + 'ps')], [True] * 3, names + ['steps']\n"
+    )
+    states = values(3)
+    (x, y, steps), _, names = compile_mapping(source, VARIABLES, False)(states)
+    torch.testing.assert_close(x, states["a"][:, 0] + states["b"][:, 0])
+    torch.testing.assert_close(y, states["a"][:, 1] + states["b"][:, 1])
+    assert (steps.tolist(), names) == ([0.0, 1.0, 2.0], ["a_1", "b_1", "steps"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["getattr(self, self.name)", "getattr(torch, 'save')", "getattr(self, '__class__')", "getattr(self, 'a', 0)"],
+)
+def test_no_other_attribute_is_read_by_its_name(text):
+    with pytest.raises(CodeError, match=r"getattr|__class__|name"):
+        script(f"def mapping_function(self):\n    return [{text}], [True], ['x']\n", TABLE)
+
+
+@pytest.mark.parametrize("made", ["W = Weights()", "W = Weights"])
+@pytest.mark.parametrize("inside", [True, False])
+def test_what_is_made_of_a_class_stands_for_its_constants_and_functions(made, inside):
+    head = "@dataclass\nclass Weights:\n    near: float = 2.0\n    def __init__(self):\n        self.far = 0.5\n\n"
+    head += "    @staticmethod\n    def twice(y):\n        return 2 * y\n\n"
+    body = "near = a[:, 0]\nx = W.near * near + W.far * W.twice(b[:, 0])"
+    reply = head + (reward(f"{made}\n{body}") if inside else f"{made}\n\n{reward(body)}")
+    states = values(3)
+    total, _ = compile_reward(extract(reply, "reward").source, VARIABLES, False)(states)
+    torch.testing.assert_close(total, 2.0 * states["a"][:, 0] + states["b"][:, 0])
+
+
 def test_constants_may_be_computed_from_each_other_and_stand_in_a_class():
     source = "HALF = math.pi / 2\nANGLE = math.radians(90.0) + 0 * HALF\nNAMES = ('p', 'qq')\nclass_like = [HALF, 1]\n"
-    source += reward("x = a[:, 0] * ANGLE / Config.HALF * len(NAMES[1]) * class_like[1]")
+    source += "Kp = 0.5\nGain = Kp\n"
+    source += reward("Kd = Gain\nx = a[:, 0] * ANGLE / Config.HALF * len(NAMES[1]) * class_like[1] * Kd / Kp")
     states = values(4)
     total, _ = compile_reward(source, VARIABLES, False)(states)
     torch.testing.assert_close(total, 2.0 * states["a"][:, 0])

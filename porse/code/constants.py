@@ -2,7 +2,7 @@
 
 import ast
 import copy
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Set
 
 from porse.code.contract import words
 
@@ -19,6 +19,8 @@ def is_constant(value: ast.expr, known: Container[str]) -> bool:
 
     That is its form alone: where it is used it is held against the same lists as the function.
     """
+    if _is_of_class(value, ()):
+        return True  # it stands for the class, and is never made
     for node in ast.walk(value):
         if not isinstance(node, _NODES):
             return False
@@ -31,17 +33,34 @@ def is_constant(value: ast.expr, known: Container[str]) -> bool:
     return True
 
 
-def place_constants(function: ast.FunctionDef, constants: Mapping[str, ast.expr], bound: Container[str]) -> None:
+def place_constants(
+    function: ast.FunctionDef, constants: Mapping[str, ast.expr], bound: Set[str], functions: Container[str]
+) -> None:
     """Makes local names, in place, of the constants that a function reads: by name, as `self.X` and as `Class.X`.
+
+    What is made or named of a class, `c = Config()` or `R = Reward`, stands for it; its functions are called by their names.
 
     Args:
         function: the function.
         constants: the constants in their order.
         bound: names that mean something else in the function.
+        functions: names of the functions beside it.
     """
-    given = {name: value for name, value in constants.items() if name not in bound}
+    local = {name: f"{name}_constant" if name in bound else name for name in constants}
+    given = {local[name]: _renamed(value, local) for name, value in constants.items()}
+    known = bound | constants.keys()
+    holders = {name for name, value in constants.items() if name not in bound and _is_of_class(value, known)}
+    kept = []
     for statement in function.body:
-        _Names(given, bound).visit(statement)
+        value = statement.value if isinstance(statement, ast.Assign) else None
+        target = statement.targets[0] if isinstance(statement, ast.Assign) else None
+        if isinstance(target, ast.Name) and value is not None and _is_of_class(value, known):
+            holders.add(target.id)
+        else:
+            kept.append(statement)
+    function.body = kept or function.body
+    for statement in function.body:
+        _Names(local, bound, holders, functions).visit(statement)
     needed: set[str] = set()
     queue: list[ast.AST] = list(function.body)
     while queue:
@@ -51,9 +70,7 @@ def place_constants(function: ast.FunctionDef, constants: Mapping[str, ast.expr]
                 queue.append(given[node.id])
     function.body[:0] = [
         ast.copy_location(
-            ast.Assign(
-                targets=[ast.copy_location(ast.Name(id=name, ctx=ast.Store()), value)], value=copy.deepcopy(value)
-            ),
+            ast.Assign(targets=[ast.copy_location(ast.Name(id=name, ctx=ast.Store()), value)], value=value),
             value,
         )
         for name, value in given.items()
@@ -61,17 +78,38 @@ def place_constants(function: ast.FunctionDef, constants: Mapping[str, ast.expr]
     ]
 
 
-class _Names(ast.NodeTransformer):
-    """Writes `X` for `self.X` and `Class.X`."""
+def _renamed(value: ast.expr, names: Mapping[str, str]) -> ast.expr:
+    """Returns a copy of a value with other names of constants."""
+    changed = copy.deepcopy(value)
+    for node in ast.walk(changed):
+        if isinstance(node, ast.Name):
+            node.id = names.get(node.id, node.id)
+    return changed
 
-    def __init__(self, constants: Container[str], bound: Container[str]) -> None:
+
+def _is_of_class(value: ast.expr, bound: Container[str]) -> bool:
+    """Whether a value is a class, by its capital letter, or made of one without arguments."""
+    made = value.func if isinstance(value, ast.Call) and not value.args and not value.keywords else value
+    return isinstance(made, ast.Name) and made.id[:1].isupper() and not made.id.isupper() and made.id not in bound
+
+
+class _Names(ast.NodeTransformer):
+    """Writes `X` for `self.X` and `Class.X`, and `f(...)` for `Class.f(...)`."""
+
+    def __init__(
+        self, constants: Mapping[str, str], bound: Container[str], holders: Container[str], functions: Container[str]
+    ) -> None:
         self._constants = constants
         self._bound = bound
+        self._holders = holders
+        self._functions = functions
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         self.generic_visit(node)
         owner = node.value.id if isinstance(node.value, ast.Name) else ""
-        is_holder = owner == "self" or (owner[:1].isupper() and owner not in self._bound)
-        if is_holder and node.attr in self._constants and isinstance(node.ctx, ast.Load):
-            return ast.copy_location(ast.Name(id=node.attr, ctx=ast.Load()), node)
+        is_class = owner in self._holders or (owner[:1].isupper() and owner not in self._bound)
+        is_constant = node.attr in self._constants and (is_class or owner == "self")
+        if isinstance(node.ctx, ast.Load) and (is_constant or (is_class and node.attr in self._functions)):
+            name = self._constants.get(node.attr, node.attr)
+            return ast.copy_location(ast.Name(id=name, ctx=ast.Load()), node)
         return node

@@ -15,6 +15,9 @@ from porse.code.scan import Chunk, chunks, parse_source
 from porse.code.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
 from porse.code.verdict import CodeError
 
+_OWN = re.compile(r"^\s*self\.(\w+\s*(:[^=]+)?=)")
+"""What a class sets in `__init__` is taken for a constant of it."""
+
 
 @dataclass(frozen=True)
 class Extracted:
@@ -53,7 +56,9 @@ def extract(reply: str, kind: Kind) -> Extracted:
     lines = _clean_lines(reply)
     functions = [_parse_chunk(chunk) for chunk in chunks(lines)]
     main = _choose(functions, kind)
-    around = surroundings(lines, {number for f in functions for number in f.chunk.lines})
+    setting = {number for f in functions for number in f.chunk.lines if f.chunk.name == "__init__"}
+    beside = [_OWN.sub(r"\1", line) if number in setting else line for number, line in enumerate(lines, start=1)]
+    around = surroundings(beside, {number for f in functions for number in f.chunk.lines} - setting)
     refuse_hostile(main.chunk.region, around)
     return _assemble(main, functions, around)
 

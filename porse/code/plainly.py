@@ -2,10 +2,12 @@
 
 A comprehension with a condition becomes a loop; a tuple that is gone through with others, a list; `zip(*rows)`, a list of
 each column; `f(*parts)`, a call with the parts by their numbers; `sorted(terms)` of a dictionary, of its keys; and another
-name for a function, that function.
+name for a function, that function. `getattr(self, f"{side}_hand_pos")` in a loop over texts that are written out becomes the
+variables themselves.
 """
 
 import ast
+import copy
 from collections import Counter
 from collections.abc import Callable, Container, Iterator
 from typing import TypeVar
@@ -16,6 +18,7 @@ Comprehension = ast.ListComp | ast.GeneratorExp | ast.DictComp
 
 def write_plainly(function: ast.FunctionDef) -> None:
     """Rewrites a function in place."""
+    _Unrolled(single_values(function)).visit(function)
     _call_by_own_name(function)
     _replace(function, _columns)
     _Calls(_fixed_values(function)).visit(function)
@@ -119,11 +122,84 @@ def _columns(statement: ast.stmt) -> list[ast.stmt]:
     rows = value.args[0] if isinstance(value, ast.Call) and is_zip else None
     if not isinstance(rows, ast.Starred) or not isinstance(target, ast.Tuple | ast.List):
         return [statement]
-    texts = [f"[row[{number}] for row in {ast.unparse(rows.value)}]" for number in range(len(target.elts))]
+    texts = [f"[row[{number}] for row in ({ast.unparse(rows.value)})]" for number in range(len(target.elts))]
     return [
         _at(statement, ast.Assign(targets=[name], value=_parsed(text, statement)))
         for name, text in zip(target.elts, texts, strict=True)
     ]
+
+
+class _Unrolled(ast.NodeTransformer):
+    """Writes loops over written-out texts once for each text, where these name what is read from `self`."""
+
+    def __init__(self, values: dict[str, ast.expr]) -> None:
+        self._values = values
+
+    def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
+        texts = self._texts(node.target, node.iter)
+        leaves = any(isinstance(part, ast.Break | ast.Continue) for part in ast.walk(node))
+        if texts is None or leaves or not any(map(_reads_by_name, node.body)):
+            self.generic_visit(node)
+            return node
+        copies = [_With(node.target, text).visit(copy.deepcopy(part)) for text in texts for part in node.body]
+        return [part for made in map(self.visit, copies) for part in (made if isinstance(made, list) else [made])]
+
+    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> ast.AST:
+        first = node.generators[0]
+        texts = self._texts(first.target, first.iter)
+        if texts is None or len(node.generators) > 1 or first.ifs or not _reads_by_name(node.elt):
+            self.generic_visit(node)
+            return node
+        parts = [self.visit(_With(first.target, text).visit(copy.deepcopy(node.elt))) for text in texts]
+        return _at(node, ast.List(elts=parts, ctx=ast.Load()))
+
+    visit_GeneratorExp = visit_ListComp  # noqa: N815 their names are ast's
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        name = _text(node.args[1]) if _reads_by_name(node) and len(node.args) == 2 else ""
+        return _at(node, ast.Attribute(value=node.args[0], attr=name, ctx=ast.Load())) if name.isidentifier() else node
+
+    def _texts(self, target: ast.expr, through: ast.expr) -> list[str] | None:
+        """Returns the texts that a loop goes through, None where it is about anything else."""
+        held = self._values.get(through.id) if isinstance(through, ast.Name) else through
+        parts = held.elts if isinstance(held, ast.Tuple | ast.List) else []
+        texts = [_text(part) for part in parts]
+        return texts if isinstance(target, ast.Name) and texts and all(texts) else None
+
+
+class _With(ast.NodeTransformer):
+    """Writes a text for the name that stands for it."""
+
+    def __init__(self, target: ast.expr, text: str) -> None:
+        self._name = target.id if isinstance(target, ast.Name) else ""
+        self._text = text
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        is_it = node.id == self._name and isinstance(node.ctx, ast.Load)
+        return ast.copy_location(ast.Constant(value=self._text), node) if is_it else node
+
+
+def _reads_by_name(tree: ast.AST) -> bool:
+    """Whether `getattr(self, ...)` stands somewhere in a tree."""
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name))
+    return any(
+        call.func.id == "getattr" and call.args and isinstance(call.args[0], ast.Name) and call.args[0].id == "self"
+        for call in calls
+        if isinstance(call.func, ast.Name)
+    )
+
+
+def _text(node: ast.expr) -> str:
+    """Returns a text that is written out, in parts or as one, "" for anything else."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        left, right = _text(node.left), _text(node.right)
+        return left + right if left and right else ""
+    if isinstance(node, ast.JoinedStr):
+        parts = [_text(part.value if isinstance(part, ast.FormattedValue) else part) for part in node.values]
+        is_plain = all(not isinstance(part, ast.FormattedValue) or part.format_spec is None for part in node.values)
+        return "".join(parts) if is_plain and all(parts) else ""
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
 class _Calls(ast.NodeTransformer):

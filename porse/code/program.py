@@ -80,7 +80,7 @@ def parse_program(source: str) -> Program:
     methods = {name for name, helper in found.items() if helper.args.args and helper.args.args[0].arg == "self"}
     size = 0
     for function in [*found.values(), main]:
-        place_constants(function, constants, _bound(function) | modules.keys())
+        place_constants(function, constants, _bound(function) | modules.keys(), found)
         size += sum(1 for _ in ast.walk(function))
         if size > 2 * MAX_TREE_NODES:
             raise CodeError("syntax", "the functions with the constants that they read are too large", function.lineno)
