@@ -62,6 +62,8 @@ BODIES = {
     "columns of rows": "rows = [(a[:, 0], 'p'), (b[:, 0], 'qq')]\nys, names = zip(*rows)\nx = ys[0] * len(names[1]) + ys[1]",
     "columns as lists": "rows = [(a[:, 0], 2), (b[:, 0], 3)]\nys, ws = map(list, zip(*rows))\nx = ys[0] * ws[1] + ys[1]",
     "parts of a call": "parts = (a[:, 0], b[:, 0])\nx = torch.maximum(*parts) + torch.minimum(*[a[:, 1], b[:, 1]]) + torch.zeros(*a.shape).sum(-1)",
+    "a list of texts that is filled": "names = ['a']\nnames.append('bb')\nx = 0\nfor n in names:\n    x = x + len(n) * a[:, 0]",
+    "a list that is changed": "w = [1.0, 2.0]\nw[0] = 3.0\nx = torch.maximum(*[a[:, 0], b[:, 0]]) * w[0]",
     "parts of a list that is filled": "parts = []\nparts.append(a[:, 0])\nparts.append(b[:, 0])\nx = torch.maximum(*parts)",
     "sorted dictionary": "w = {'b': a[:, 0], 'a': b[:, 0]}\nx = 0\nfor i, k in enumerate(sorted(w)):\n    x = x + i * w[k]",
     "another name for a function": "norm = torch.norm\ndef h(y):\n    return 2 * y\ntwice = h\nx = twice(norm(a - b, dim=-1))",

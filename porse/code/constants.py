@@ -47,7 +47,7 @@ def place_constants(
         functions: names of the functions beside it.
     """
     local = {name: f"{name}_constant" if name in bound else name for name in constants}
-    given = {local[name]: _renamed(value, local) for name, value in constants.items()}
+    given = {local[name]: value for name, value in constants.items()}
     known = bound | constants.keys()
     holders = {name for name, value in constants.items() if name not in bound and _is_of_class(value, known)}
     kept = []
@@ -67,10 +67,12 @@ def place_constants(
         for node in ast.walk(queue.pop()):
             if isinstance(node, ast.Name) and node.id in given and node.id not in needed:
                 needed.add(node.id)
-                queue.append(given[node.id])
+                queue.append(_renamed(given[node.id], local))
     function.body[:0] = [
         ast.copy_location(
-            ast.Assign(targets=[ast.copy_location(ast.Name(id=name, ctx=ast.Store()), value)], value=value),
+            ast.Assign(
+                targets=[ast.copy_location(ast.Name(id=name, ctx=ast.Store()), value)], value=_renamed(value, local)
+            ),
             value,
         )
         for name, value in given.items()

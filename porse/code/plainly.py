@@ -15,10 +15,15 @@ from typing import TypeVar
 Node = TypeVar("Node", bound=ast.AST)
 Comprehension = ast.ListComp | ast.GeneratorExp | ast.DictComp
 
+_MAX_NODES = 2_000
+"""Most nodes that loops over texts are written out to."""
+_MAX_PARTS = 16
+"""Most parts that a star is written out to."""
+
 
 def write_plainly(function: ast.FunctionDef) -> None:
     """Rewrites a function in place."""
-    _Unrolled(single_values(function)).visit(function)
+    _Unrolled(_fixed_values(function)).visit(function)
     _call_by_own_name(function)
     _replace(function, _columns)
     _Calls(_fixed_values(function)).visit(function)
@@ -80,14 +85,22 @@ def single_values(function: ast.FunctionDef) -> dict[str, ast.expr]:
 
 
 def _fixed_values(function: ast.FunctionDef) -> dict[str, ast.expr]:
-    """Returns the single values whose length stays: of those, lists that no method is called of."""
-    owners = {
-        node.value.id
+    """Returns the single values that stay what they are: of lists, those that are only gone through."""
+    through = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.For | ast.comprehension):
+            through.add(id(node.iter))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("zip", "enumerate", "len", "sorted"):
+            through.update(map(id, node.args))
+        elif isinstance(node, ast.Starred):
+            through.add(id(node.value))
+    changed = {
+        node.id
         for node in ast.walk(function)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and id(node) not in through
     }
     values = single_values(function).items()
-    return {name: value for name, value in values if not isinstance(value, ast.List) or name not in owners}
+    return {name: value for name, value in values if not isinstance(value, ast.List) or name not in changed}
 
 
 def _call_by_own_name(function: ast.FunctionDef) -> None:
@@ -120,9 +133,10 @@ def _columns(statement: ast.stmt) -> list[ast.stmt]:
         value = value.args[1] if ast.unparse(value.args[0]) in ("list", "tuple") else value
     is_zip = isinstance(value, ast.Call) and ast.unparse(value.func) == "zip" and len(value.args) == 1
     rows = value.args[0] if isinstance(value, ast.Call) and is_zip else None
-    if not isinstance(rows, ast.Starred) or not isinstance(target, ast.Tuple | ast.List):
+    held = rows.value if isinstance(rows, ast.Starred) else None
+    if not isinstance(held, ast.Name) or not isinstance(target, ast.Tuple | ast.List):
         return [statement]
-    texts = [f"[row[{number}] for row in ({ast.unparse(rows.value)})]" for number in range(len(target.elts))]
+    texts = [f"[row[{number}] for row in {held.id}]" for number in range(len(target.elts))]
     return [
         _at(statement, ast.Assign(targets=[name], value=_parsed(text, statement)))
         for name, text in zip(target.elts, texts, strict=True)
@@ -134,11 +148,12 @@ class _Unrolled(ast.NodeTransformer):
 
     def __init__(self, values: dict[str, ast.expr]) -> None:
         self._values = values
+        self._left = _MAX_NODES
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
         texts = self._texts(node.target, node.iter)
         leaves = any(isinstance(part, ast.Break | ast.Continue) for part in ast.walk(node))
-        if texts is None or leaves or not any(map(_reads_by_name, node.body)):
+        if texts is None or leaves or not any(map(_reads_by_name, node.body)) or not self._affords(node, texts):
             self.generic_visit(node)
             return node
         copies = [_With(node.target, text).visit(copy.deepcopy(part)) for text in texts for part in node.body]
@@ -147,7 +162,8 @@ class _Unrolled(ast.NodeTransformer):
     def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> ast.AST:
         first = node.generators[0]
         texts = self._texts(first.target, first.iter)
-        if texts is None or len(node.generators) > 1 or first.ifs or not _reads_by_name(node.elt):
+        is_plain = len(node.generators) == 1 and not first.ifs
+        if texts is None or not is_plain or not _reads_by_name(node.elt) or not self._affords(node, texts):
             self.generic_visit(node)
             return node
         parts = [self.visit(_With(first.target, text).visit(copy.deepcopy(node.elt))) for text in texts]
@@ -157,8 +173,13 @@ class _Unrolled(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
-        name = _text(node.args[1]) if _reads_by_name(node) and len(node.args) == 2 else ""
+        name = _text(node.args[1]) if _is_read_by_name(node) and len(node.args) == 2 and not node.keywords else ""
         return _at(node, ast.Attribute(value=node.args[0], attr=name, ctx=ast.Load())) if name.isidentifier() else node
+
+    def _affords(self, node: ast.AST, texts: list[str]) -> bool:
+        """Whether there may be so many copies of a loop; loops in loops would grow without bounds."""
+        self._left -= len(texts) * sum(1 for _ in ast.walk(node))
+        return self._left > 0
 
     def _texts(self, target: ast.expr, through: ast.expr) -> list[str] | None:
         """Returns the texts that a loop goes through, None where it is about anything else."""
@@ -182,12 +203,12 @@ class _With(ast.NodeTransformer):
 
 def _reads_by_name(tree: ast.AST) -> bool:
     """Whether `getattr(self, ...)` stands somewhere in a tree."""
-    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name))
-    return any(
-        call.func.id == "getattr" and call.args and isinstance(call.args[0], ast.Name) and call.args[0].id == "self"
-        for call in calls
-        if isinstance(call.func, ast.Name)
-    )
+    return any(isinstance(node, ast.Call) and _is_read_by_name(node) for node in ast.walk(tree))
+
+
+def _is_read_by_name(call: ast.Call) -> bool:
+    is_getattr = isinstance(call.func, ast.Name) and call.func.id == "getattr"
+    return is_getattr and bool(call.args) and isinstance(call.args[0], ast.Name) and call.args[0].id == "self"
 
 
 def _text(node: ast.expr) -> str:
@@ -230,7 +251,7 @@ class _Calls(ast.NodeTransformer):
         if isinstance(value, ast.List | ast.Tuple):
             return value.elts
         held = self._values.get(value.id) if isinstance(value, ast.Name) else None
-        if not isinstance(held, ast.List | ast.Tuple) or not isinstance(value, ast.Name):
+        if not isinstance(held, ast.List | ast.Tuple) or not isinstance(value, ast.Name) or len(held.elts) > _MAX_PARTS:
             return [argument]
         return [_parsed(f"{value.id}[{number}]", argument) for number in range(len(held.elts))]
 
