@@ -182,6 +182,17 @@ def test_what_is_made_of_a_class_stands_for_its_constants_and_functions(made, in
     torch.testing.assert_close(total, 2.0 * states["a"][:, 0] + states["b"][:, 0])
 
 
+def test_a_class_does_not_hide_what_every_task_has():
+    reply = (
+        "class Reward:\n    def __init__(self):\n        self.device = 'cuda:0'\n        self.t = 2.0\n\n"
+        "    def compute_reward(self, a):\n        x = a[:, 0] * self.t + torch.zeros(1, device=self.device)\n"
+        "        return x, {'x': x}\n"
+    )
+    states = values(3)
+    total, _ = compile_reward(extract(reply, "reward").source, VARIABLES, False)(states)
+    assert torch.equal(total, 2.0 * states["a"][:, 0])
+
+
 def test_constants_may_be_computed_from_each_other_and_stand_in_a_class():
     source = "HALF = math.pi / 2\nANGLE = math.radians(90.0) + 0 * HALF\nNAMES = ('p', 'qq')\nclass_like = [HALF, 1]\n"
     source += "Kp = 0.5\nGain = Kp\n"

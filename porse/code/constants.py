@@ -11,6 +11,8 @@ _NODES = (
     ast.Call, ast.keyword, ast.Name, ast.Attribute, ast.Load,
 )  # fmt: skip
 _MODULES = words("math torch np numpy")
+_OF_EVERY_TASK = words("actions device num_envs obs_buf progress_buf")
+"""What `self` has in the tasks, whatever a class around the function sets when it is made."""
 _FUNCTIONS = words("abs dict float int len list max min round sum tuple")
 
 
@@ -110,7 +112,8 @@ class _Names(ast.NodeTransformer):
         self.generic_visit(node)
         owner = node.value.id if isinstance(node.value, ast.Name) else ""
         is_class = owner in self._holders or (owner[:1].isupper() and owner not in self._bound)
-        is_constant = node.attr in self._constants and (is_class or owner == "self")
+        is_own = owner == "self" and node.attr not in _OF_EVERY_TASK
+        is_constant = node.attr in self._constants and (is_class or is_own)
         if isinstance(node.ctx, ast.Load) and (is_constant or (is_class and node.attr in self._functions)):
             name = self._constants.get(node.attr, node.attr)
             return ast.copy_location(ast.Name(id=name, ctx=ast.Load()), node)
