@@ -12,7 +12,6 @@ import click
 from porse import numerics
 from porse.config import Params, load_params
 from porse.errors import PorseError
-from porse.processes import die_with_parent
 
 LOGS = Path("logs")
 
@@ -47,12 +46,9 @@ def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 def begin() -> Params:
     """Returns the parameters of the run, with the numeric profile set before anything imports torch.
 
-    The stage ends when `dvc repro` does, however that ends.
-
     Raises:
         ParamsError: the parameters are wrong.
     """
-    die_with_parent()
     params = load_params(Path("params.yaml"))
     numerics.apply(params.numerics)
     return params

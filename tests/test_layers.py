@@ -179,6 +179,11 @@ def test_every_path_in_a_command_is_a_dep_or_an_out(root, name):
 
 
 @pytest.mark.parametrize("name", STAGES)
+def test_every_stage_takes_the_place_of_the_shell_that_starts_it(root, name):
+    assert stages(root)[name]["cmd"].startswith("exec ${python} -m stages.")
+
+
+@pytest.mark.parametrize("name", STAGES)
 def test_every_stage_says_what_it_does_and_names_its_parameters(root, name):
     stage = stages(root)[name]
     assert stage["desc"]

@@ -195,6 +195,8 @@ def test_killed_and_started_again_elsewhere_it_ends_with_the_same_lock(recorded,
     python.chmod(0o755)
     other = {
         "PORSE_WORKERS": "1", "TZ": "Asia/Kathmandu", "LC_ALL": "C", "PYTHONHASHSEED": "123", "PORSE_LLM_MODE": "frozen",
+        # Where it is dash, it stays between DVC and a stage, unless the stage takes its place.
+        "SHELL": "/bin/sh",
     }  # fmt: skip
     command = ["sh", "-c", f"umask 077; exec {BIN / 'dvc'} repro"]
     process = subprocess.Popen(
