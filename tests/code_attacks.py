@@ -13,6 +13,11 @@ def _around(*lines: str) -> str:
     return "\n".join(lines) + "\n" + _body()
 
 
+def _made_of(arguments: str, *lines: str) -> str:
+    body = "".join(f"        {line}\n" for line in lines)
+    return f"class R:\n    def __init__(self, {arguments}):\n{body}\n" + _body("r = R()", "x = x * r.x")
+
+
 ATTACKS: dict[str, str] = {
     # Files and the outside.
     "open_read": _body('y = open("CANARY").read()'),
@@ -160,6 +165,14 @@ ATTACKS: dict[str, str] = {
     "deep_brackets": _body(f"y = {'(' * 500}1{')' * 500}"),
     "deep_minus": _body(f"y = {'-' * 5000}1"),
     "long_reply": "# filler\n" * 50_000 + _body(),
+    # Classes that are made.
+    "class_with_a_default": _made_of("x=open('CANARY', 'w').write('x')", "self.x = x"),
+    "class_with_a_setting": _made_of("", "self.x = open('CANARY', 'w').write('x')"),
+    "class_whose_parent_is_called": _made_of("", "super().__init__(open('CANARY', 'w'))", "self.x = 1"),
+    "class_whose_parent_is_walked": _made_of("", "self.x = super().__init__.__globals__"),
+    "class_with_a_huge_default": _made_of("x=[0] * 10000000000", "self.x = x[0]"),
+    "numpy_load": _body('y = np.load("CANARY")'),
+    "numpy_fromfile": _body('y = np.exp(np.fromfile("CANARY"))'),
     # The task's own state.
     "write_input": _body("a[:, 0] = 1e9"),
     "write_input_through_view": _body("y = a.view(-1)", "y.fill_(0.0)"),

@@ -1,12 +1,15 @@
 """What Python lets one write and TorchScript does not, types that change above all: it means here what it means there."""
 
 import math
+import textwrap
 
+import numpy as np
 import pytest
 import torch
 
 from code_cases import VARIABLES, reward, values
 from porse.code.compile import compile_mapping, compile_reward
+from porse.code.contract import NUMPY_NAMES
 from porse.code.extract import extract
 from porse.code.script import script
 from porse.code.verdict import CodeError
@@ -81,6 +84,7 @@ BODIES = {
     "helper with an integer default": "def soft(y, t=1):\n    return torch.exp(-y / t)\nt = 0.5\nx = soft(a[:, 0]) + soft(a[:, 1], t) + soft(a[:, 2], t=2)",
     "helper that wants a float": "def soft(y, t: float):\n    return torch.exp(-y / t)\nx = soft(a[:, 0], 1) + soft(a[:, 1], t=2)",
     "helper with an expression": "def soft(y, t=1.0):\n    return torch.exp(-y / t)\nt = 0.5\nx = soft(a[:, 0], 2 * t) + soft(a[:, 1], 2)",
+    "numbers of numpy": "k = 1\nk = np.sqrt(0.5) * np.cos(np.deg2rad(30.0)) - np.abs(-1)\nx = k * a[:, 0] + np.arctan2(1.0, 2)",
     "helper that sums": "def summed(y):\n    s = 0\n    for i in range(3):\n        s += y[:, i]\n    return s\nx = summed(a) - summed(b)",
     "helper that takes lists": "def weighted(ys: list, ws):\n    return ys[0] * ws\nx = weighted([a[:, 0], b[:, 0]], 0.5)",
 }  # fmt: skip
@@ -88,7 +92,7 @@ BODIES = {
 
 def in_python(source, arguments):
     """Returns the total reward of a source of this file, run by Python."""
-    namespace = {"torch": torch, "math": math}
+    namespace = {"torch": torch, "math": math, "np": np}
     exec(source, namespace)
     return namespace["compute_reward"](*arguments)[0]
 
@@ -99,6 +103,25 @@ def test_types_change_as_in_python(name, portable):
     states, source = values(5), reward(BODIES[name])
     total, _ = compile_reward(source, VARIABLES, portable)(states)
     torch.testing.assert_close(total, in_python(source, (states["a"], states["b"])), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NUMPY_NAMES)
+def test_what_is_offered_of_numpy_is_numpys(name):
+    found = getattr(np, name)
+    text, expected = f"np.{name}", found
+    if callable(found):
+        given = (0.5, 2.0)[: found.nin]
+        text, expected = f"{text}({', '.join(map(str, given))})", found(*given)
+    total, _ = compile_reward(reward(f"x = 0 * a[:, 0] + {text}"), VARIABLES, False)(values(1))
+    assert total.item() == pytest.approx(expected, nan_ok=True)
+
+
+def test_functions_of_numpy_take_tensors_where_those_of_torch_do():
+    source = reward("x = np.exp(-np.abs(a[:, 0]) / np.sqrt(0.25))", result='x, {"x": np.sqrt(x), "n": np.sqrt(4)}')
+    total, components = compile_reward(source, VARIABLES, False)(states := values(3))
+    torch.testing.assert_close(total, torch.exp(-2.0 * states["a"][:, 0].abs()))
+    torch.testing.assert_close(components["x"], total.sqrt())
+    assert components["n"].tolist() == [2.0] * 3
 
 
 @BOTH
@@ -180,6 +203,39 @@ def test_what_is_made_of_a_class_stands_for_its_constants_and_functions(made, in
     states = values(3)
     total, _ = compile_reward(extract(reply, "reward").source, VARIABLES, False)(states)
     torch.testing.assert_close(total, 2.0 * states["a"][:, 0] + states["b"][:, 0])
+
+
+CLASS = """
+class Reward(torch.nn.Module):
+    def __init__(self, far: float = 0.5, *, near=2):
+        super().__init__()
+        self.far = far  # along b
+        self.weights = {
+            "near": near + far,
+        }
+
+    def reach(self, y):
+        return self.weights["near"] * y[:, 0]
+
+"""
+
+
+@pytest.mark.parametrize("is_method", [True, False])
+def test_a_class_is_made_with_the_defaults_of_its_arguments(is_method):
+    owner = "self" if is_method else "r"
+    body = f"reach = {owner}.reach(a)\nx = reach + {owner}.far * b[:, 0]"
+    source = reward(body if is_method else f"r = Reward()\n{body}", arguments="self, a, b" if is_method else "a, b")
+    reply = CLASS + (textwrap.indent(source, "    ") if is_method else source)
+    states = values(3)
+    total, _ = compile_reward(extract(reply, "reward").source, VARIABLES, False)(states)
+    torch.testing.assert_close(total, 2.5 * states["a"][:, 0] + 0.5 * states["b"][:, 0])
+
+
+def test_what_a_class_is_to_be_given_has_no_value():
+    reply = "far = 3.0\nclass Reward:\n    def __init__(self, far):\n        self.far = far\n\n"
+    reply += textwrap.indent(reward("x = self.far * a[:, 0]", arguments="self, a"), "    ")
+    with pytest.raises(CodeError, match="None"):
+        script(extract(reply, "reward").source, TABLE)
 
 
 def test_a_class_does_not_hide_what_every_task_has():

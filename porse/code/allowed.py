@@ -10,6 +10,7 @@ from porse.code.contract import (
     MATH_NAMES,
     MAX_INTEGER,
     MAX_LOOP,
+    NUMPY_NAMES,
     TORCH_CONSTANTS,
     TORCH_FUNCTIONS,
     TORCH_MODULES,
@@ -19,14 +20,13 @@ from porse.variables import Variable
 
 _DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")
 _KEYWORDS = frozenset(("out", "names", "generator", "pin_memory", "memory_format", "layout"))
-_NUMPY = ("numpy.pi", "numpy.inf", "numpy.e", "numpy.nan")
 
 
 def path_allowed(path: str) -> bool:
     """Whether a dotted path below torch, math or numpy may be used."""
-    if path.startswith("numpy."):
-        return path in _NUMPY
     module, _, name = path.rpartition(".")
+    if module == "numpy":
+        return name in NUMPY_NAMES
     if module == "math":
         return name in MATH_NAMES
     if module == "torch":

@@ -138,6 +138,8 @@ def number_kind(node: ast.expr, kind_of_name: Callable[[ast.expr], str]) -> str:
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         return "float" if node.attr in ("pi", "e", "inf") and node.value.id in ("math", "torch", "np", "numpy") else ""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Name):
+        if node.func.value.id in ("np", "numpy"):  # most of its functions take tensors as well
+            return "float" if all(map(kind_of_name, node.args)) and node.func.attr not in ("abs", "absolute") else ""
         return "float" if node.func.value.id == "math" and node.func.attr not in ("floor", "ceil") else ""
     return number_type(node)
 

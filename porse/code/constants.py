@@ -2,7 +2,7 @@
 
 import ast
 import copy
-from collections.abc import Container, Mapping, Set
+from collections.abc import Callable, Container, Mapping, Set
 
 from porse.code.contract import words
 
@@ -61,8 +61,10 @@ def place_constants(
         else:
             kept.append(statement)
     function.body = kept or function.body
+    names = _Names(local, bound, holders, functions)
+    _rename_results(function, names.is_class, functions)
     for statement in function.body:
-        _Names(local, bound, holders, functions).visit(statement)
+        names.visit(statement)
     needed: set[str] = set()
     queue: list[ast.AST] = list(function.body)
     while queue:
@@ -80,6 +82,15 @@ def place_constants(
         for name, value in given.items()
         if name in needed
     ]
+
+
+def _rename_results(function: ast.FunctionDef, is_class: Callable[[ast.expr], bool], functions: Container[str]) -> None:
+    """Gives `reach` in `reach = r.reach(x)`, in place, another name than the function's: `r.reach` will be `reach`."""
+    arguments = {node.arg for node in ast.walk(function) if isinstance(node, ast.arg)}
+    called = {node.attr for node in ast.walk(function) if isinstance(node, ast.Attribute) and is_class(node.value)}
+    for node in ast.walk(function):
+        if isinstance(node, ast.Name) and node.id in called - arguments and node.id in functions:
+            node.id += "_result"
 
 
 def _renamed(value: ast.expr, names: Mapping[str, str]) -> ast.expr:
@@ -108,11 +119,15 @@ class _Names(ast.NodeTransformer):
         self._holders = holders
         self._functions = functions
 
+    def is_class(self, owner: ast.expr) -> bool:
+        """Whether a value is a class, or made of one."""
+        name = owner.id if isinstance(owner, ast.Name) else ""
+        return name in self._holders or (name[:1].isupper() and name not in self._bound)
+
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         self.generic_visit(node)
-        owner = node.value.id if isinstance(node.value, ast.Name) else ""
-        is_class = owner in self._holders or (owner[:1].isupper() and owner not in self._bound)
-        is_own = owner == "self" and node.attr not in _OF_EVERY_TASK
+        is_class = self.is_class(node.value)
+        is_own = isinstance(node.value, ast.Name) and node.value.id == "self" and node.attr not in _OF_EVERY_TASK
         is_constant = node.attr in self._constants and (is_class or is_own)
         if isinstance(node.ctx, ast.Load) and (is_constant or (is_class and node.attr in self._functions)):
             name = self._constants.get(node.attr, node.attr)

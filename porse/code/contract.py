@@ -104,6 +104,14 @@ MATH_NAMES = words(
     "nan pi pow radians sin sinh sqrt tan tanh tau"
 )
 
+NUMPY_NAMES: dict[str, str] = {
+    **{name: f"math.{name}" for name in ("cos", "cosh", "degrees", "e", "exp", "inf", "log", "log10", "log1p", "nan")},
+    **{name: f"math.{name}" for name in ("pi", "radians", "sin", "sinh", "sqrt", "tan", "tanh")},
+    "abs": "abs", "absolute": "abs", "arccos": "math.acos", "arcsin": "math.asin", "arctan": "math.atan",
+    "arctan2": "math.atan2", "deg2rad": "math.radians", "power": "math.pow", "rad2deg": "math.degrees",
+}  # fmt: skip
+"""What of numpy may be used, with what it is written as: functions of numbers, of which most take tensors as well."""
+
 METHODS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arccos arccosh arcsin arcsinh arctan arctan2 arctanh
     argmax argmin argsort asin asinh atan atan2 atanh baddbmm bitwise_and bitwise_not bitwise_or bmm bool broadcast_to

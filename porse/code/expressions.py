@@ -7,6 +7,7 @@ from itertools import groupby
 
 from porse.code.annotations import type_text
 from porse.code.calls import FUNCTIONAL, plain_form
+from porse.code.contract import NUMPY_NAMES
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
 from porse.code.syntax import local_names, module_path, modules_of
@@ -32,7 +33,8 @@ _FACTORIES = frozenset(
 )
 _METHODS_WRITTEN_ANEW = ("norm", "cross", "type", "bool")
 _PATHS = {
-    **{f"{module}.{name}": f"math.{name}" for module in ("torch", "numpy") for name in ("pi", "e", "inf", "nan")},
+    **{f"torch.{name}": f"math.{name}" for name in ("pi", "e", "inf", "nan")},
+    **{f"numpy.{name}": path for name, path in NUMPY_NAMES.items()},
     "torch.concatenate": "torch.cat",
     "torch.absolute": "torch.abs",
 }

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from porse.code.contract import FUNCTION_NAMES, HELPERS, MAX_REPLY_CHARACTERS, MAX_SOURCE_LINES, NAME_PATTERN, Kind
 from porse.code.scan import Chunk, chunks, parse_source
 from porse.code.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
+from porse.code.syntax import all_arguments, defaults
 from porse.code.verdict import CodeError
 
-_OWN = re.compile(r"^\s*self\.(\w+\s*(:[^=]+)?=)")
-"""What a class sets in `__init__` is taken for a constant of it."""
+_SUPER = re.compile(r"super\((\w+, self)?\)\.__init__\(\)")
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def extract(reply: str, kind: Kind) -> Extracted:
     lines = _clean_lines(reply)
     functions = [_parse_chunk(chunk) for chunk in chunks(lines)]
     main = _choose(functions, kind)
-    setting = {number for f in functions for number in f.chunk.lines if f.chunk.name == "__init__"}
-    beside = [_OWN.sub(r"\1", line) if number in setting else line for number, line in enumerate(lines, start=1)]
-    around = surroundings(beside, {number for f in functions for number in f.chunk.lines} - setting)
+    settings = {number: text for f in functions if f.chunk.name == "__init__" for number, text in _settings(f).items()}
+    beside = [settings.get(number, line) for number, line in enumerate(lines, start=1)]
+    around = surroundings(beside, {number for f in functions for number in f.chunk.lines} - settings.keys())
     refuse_hostile(main.chunk.region, around)
     return _assemble(main, functions, around)
 
@@ -88,6 +88,43 @@ def _parse_chunk(chunk: Chunk) -> _Function:
     if len(body) != 1 or len(tree.body) != 1:
         return _Function(chunk, None, "expected one plain function", chunk.lines[0])
     return _Function(chunk, body[0], "", 0)
+
+
+def _settings(init: _Function) -> dict[int, str]:
+    """Returns the lines of an `__init__`, by number, with `X = 2.0` for `self.X = 2.0`: constants of the class.
+
+    An argument stands for its default, since functions make such a thing without arguments; what has none is `None`.
+    """
+    found = dict(zip(init.chunk.lines, init.chunk.text, strict=True))
+    if init.tree is None:
+        return found
+    given = defaults(init.tree)
+    missing = {argument.arg for argument in all_arguments(init.tree)} - given.keys()
+    for statement in init.tree.body:
+        text = None
+        if _SUPER.fullmatch(ast.unparse(statement)):
+            text = ""
+        elif isinstance(statement, ast.Assign | ast.AnnAssign):
+            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+            is_own = isinstance(target, ast.Attribute) and ast.unparse(target.value) == "self"
+            if isinstance(target, ast.Attribute) and is_own and statement.value is not None:
+                is_known = missing.isdisjoint(names_read(statement.value))
+                value = _WithDefaults(given).visit(statement.value)
+                text = f"{target.attr} = {ast.unparse(value) if is_known else None}"
+        if text is not None:
+            numbers = init.chunk.lines[statement.lineno - 1 : statement.end_lineno]
+            found |= {number: text if number == numbers[0] else "" for number in numbers}
+    return found
+
+
+class _WithDefaults(ast.NodeTransformer):
+    """Writes the default of an argument for its name."""
+
+    def __init__(self, given: dict[str, ast.expr]) -> None:
+        self._given = given
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self._given.get(node.id, node)
 
 
 def _choose(functions: list[_Function], kind: Kind) -> _Function:

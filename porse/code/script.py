@@ -143,6 +143,8 @@ def translate(error: Exception, lines: Sequence[int], check: Check) -> CodeError
     if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
         return CodeError("memory", "the function needs more memory than it may use", positions[-1] if positions else 0)
     core = re.sub(r"\s+", " ", re.sub(r"\bporse_(f_)?(?=\w)", "", core)).strip(" :")[:600]
+    if core.endswith("as a scalar argument"):
+        core += "; functions of math and numpy take numbers, those of torch take tensors"
     if check == "compile" and re.search(r"type|argument|Expected", core):
         check = "type"
     line = (positions[-1] if check == "run" else positions[0]) if positions else 0
