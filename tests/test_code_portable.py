@@ -206,6 +206,9 @@ def test_bits_are_the_same_on_an_emulated_cpu_of_another_make(root):
         "torch.norm(a - b, dim=-1)",
         "torch.sqrt(torch.sum((a - b) ** 2, dim=-1))",
         "rot_dist(q, q.flip(0))",
+        "torch.cdist(a, b[:30]).sum(-1)",
+        "torch.cdist(a[:, None], torch.stack([a, b], 1)).sum((-1, -2))",
+        "torch.cdist(a[:, None], torch.stack([a, b], 1), p=3).sum((-1, -2))",
         "torch.exp(y) + torch.tanh(y) * torch.sin(y)",
     ]
     program = _BITS.format(expressions=[*PLAIN, *STRIDED, *more])

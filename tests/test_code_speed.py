@@ -236,6 +236,7 @@ def test_the_good_replies_of_the_corpus_cost_at_most_15_percent_more_than_by_han
 
 
 LINES = """
+torch.cdist(a[:, None], torch.stack([a, b], dim=1)).min(dim=-1)[0].squeeze(-1) | torch.cdist(a, b[:30]).sum(-1)
 torch.unbind(a, dim=-1)[0] | a.unbind(-1)[1] | torch.split(a, [1, 2], dim=-1)[0].squeeze(-1) | torch.chunk(a, 3, dim=-1)[0][:, 0]
 a[..., 0] | a[:, -1] | a[:, 0:2].sum(-1) | a[:, [0, 1]].sum(-1) | a.select(1, 2) | a.T[0] | a.t()[1]
 torch.ones(a.shape[0], device=a.device) | torch.zeros_like(a[:, 0]) | torch.full_like(a[:, 0], 0.5) * a[:, 1]

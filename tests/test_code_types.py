@@ -76,6 +76,7 @@ BODIES = {
     "numbers by name and formula": "def soft(y, t):\n    return torch.exp(-y / t)\nt = 0.5\nhalf = t / 2\nx = soft(a[:, 0], half) + soft(a[:, 1], 2 * t) + soft(a[:, 2], math.pi)",
     "bounds as a pair": "def inside(y, bounds=(0.0, 1.0), margin: float = 0):\n    low, high = bounds\n    if low > high:\n        raise ValueError(f'wrong {bounds}')\n    return ((y > low) & (y < high)).float() + margin\nx = inside(a[:, 0]) + inside(a[:, 1], (0, 0.5), margin=1)",
     "new tensor": "up = a.new_tensor([0, 0, 1])\nx = (a * up).sum(-1)",
+    "distances between many points": "x = torch.cdist(a, b)[:, 3] + torch.cdist(a.repeat(9, 1), b).sum(-1)[:5] + torch.cdist(a, b, p=2)[:, 0]",
     "distances between points": "x = torch.cdist(a.unsqueeze(1), torch.stack([a, b], dim=1)).squeeze(1).sum(-1) + torch.cdist(a[None], b[None], p=1.0)[0, :, 0]",
     "texts": "x = 0\nfor leg in ['LF', 'RF']:\n    if leg.lower().startswith('l'):\n        x = x + a[:, 0]\nx = x * len('a_b'.replace('_', '').upper())",
     "builtins": "w = {'b': 0.5, 'a': 1.0}\nok = all([True, 1 < 2]) and not any([False])\nx = pow(a[:, 0], 2) * pow(2, 3)\nfor k in sorted(w.keys()):\n    x = x * 2 + w[k]\nx = x if ok else b[:, 0]",

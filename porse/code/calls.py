@@ -6,6 +6,8 @@ FUNCTIONAL = "porse_functional"
 """Name of torch.nn.functional in the text that is compiled: F is a good name for a force."""
 
 _CONSTRUCTORS = ("torch.Tensor", "torch.FloatTensor")
+_WITH_ORDER = {f"{FUNCTIONAL}.normalize": ("functional_normalize", 1), "torch.cdist": ("cdist", 2)}
+"""Helpers of ours that take the order of a norm, which is a float there, and where it stands."""
 _NORM_ORDERS = {'"fro"': "2", "None": "2", 'float("inf")': "math.inf"}
 
 
@@ -22,11 +24,12 @@ def plain_form(
     """
     if function == "torch.norm":
         return _norm(arguments, keywords)
-    if function == f"{FUNCTIONAL}.normalize":
+    if function in _WITH_ORDER:
+        helper, position = _WITH_ORDER[function]
         if "p" in keywords:
             keywords["p"] = f"float({keywords['p']})"
-        arguments[1:2] = [f"float({order})" for order in arguments[1:2]]
-        return function, arguments, "functional_normalize"
+        arguments[position : position + 1] = [f"float({order})" for order in arguments[position : position + 1]]
+        return function, arguments, helper
     if function == "torch.cross":
         # Without a dimension torch.cross takes the first of size 3: the wrong one for three environments.
         if len(arguments) > 2:
@@ -37,9 +40,6 @@ def plain_form(
     if function in _CONSTRUCTORS and is_list:
         keywords["dtype"] = "torch.float32"
         return "torch.tensor", arguments, ""
-    if function == "torch.cdist":
-        # Torch's own differs by CPU.
-        return function, arguments, "cdist"
     if function == "sum" and len(arguments) == 1 and not keywords:
         return function, arguments, "sum"
     return function, arguments, ""

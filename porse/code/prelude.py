@@ -31,7 +31,13 @@ def porse_merged(first: Dict[str, Tensor], more: Dict[str, Tensor]):
 """,
     "cdist": """\
 def porse_cdist(a: Tensor, b: Tensor, p: float = 2.0):
-    return torch.linalg.vector_norm((a.unsqueeze(-2) - b.unsqueeze(-3)), p, [-1])
+    if p == 2.0 and (a.size(-2) > 25 or b.size(-2) > 25):
+        s = torch.sum((a * a), -1, True)
+        t = torch.sum((b * b), -1, True)
+        x = torch.cat([a * (-2.0), s, torch.ones_like(s)], -1)
+        y = torch.cat([b, torch.ones_like(t), t], -1)
+        return torch.sqrt(torch.clamp_min(torch.matmul(x, torch.transpose(y, -2, -1)), 0.0))
+    return torch.cdist(a, b, p, "donot_use_mm_for_euclid_dist")
 """,
     "functional_normalize": """\
 def porse_functional_normalize(x: Tensor, p: float = 2.0, dim: int = 1, eps: float = 1e-12):
@@ -73,6 +79,6 @@ def porse_tensor_clamp(t: Tensor, low: Tensor, high: Tensor):
     return torch.maximum(torch.minimum(t, high), low)
 """,
 }
-"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, `cdist` is torch.cdist with
-the same bits on every CPU, and `functional_normalize` is torch.nn.functional.normalize, which takes longer to compile from
+"""`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, `cdist` is torch.cdist as
+torch computes it, with the square root where portable forms reach it, and `functional_normalize` is torch.nn.functional.normalize, which takes longer to compile from
 its own source."""
