@@ -1,10 +1,11 @@
 """Every method and every ablation through `dvc repro`, on two tasks, from the grammar: what differs from PoRSE's run.
 
-The runs are real ones at tiny size, two at a time; a warm server spares each stage its imports.
+The runs are real ones at tiny size, two at a time; a warm server spares each stage its imports. An ablation concerns the
+search and not the task: on the second task they belong to the long suite.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -85,22 +86,40 @@ def params_of(task: str, name: str) -> dict:
     return params
 
 
+def is_long(task: str, name: str) -> bool:
+    return task != TASKS[0] and name in ABLATION_NAMES
+
+
+def each(names: Sequence[str]) -> pytest.MarkDecorator:
+    """Parametrizes a test by task and name."""
+    pairs = [(task, name) for name in names for task in TASKS]
+    marks = {pair: [pytest.mark.slow] if is_long(*pair) else [] for pair in pairs}
+    return pytest.mark.parametrize(("task", "name"), [pytest.param(*pair, marks=marks[pair]) for pair in pairs])
+
+
 class Runs:
-    """The finished runs, by task and name; `again` are second runs of every method in another place."""
+    """The runs, by task and name; `again` are second runs of every method in another place. The long ones wait."""
 
     def __init__(self, folder: Path, venv: Path) -> None:
         self._folder, self._venv = folder, venv
-        places = [(task, name, "once") for task in TASKS for name in NAMES]
+        places = [(task, name, "once") for task in TASKS for name in NAMES if not is_long(task, name)]
         places += [(TASKS[0], name, "again") for name in METHOD_NAMES]
         with ThreadPoolExecutor(2) as pool:
             list(pool.map(lambda place: self._run(*place), places))
 
     def _run(self, task: str, name: str, where: str) -> None:
-        project = make_project(self.folder(task, name, where), params_of(task, name), self._venv)
+        project = make_project(self._place(task, name, where), params_of(task, name), self._venv)
         dvc(project, "repro", "--no-run-cache", PORSE_WORKERS="1" if where == "again" else "2")
 
-    def folder(self, task: str, name: str, where: str = "once") -> Path:
+    def _place(self, task: str, name: str, where: str) -> Path:
         return self._folder / where / f"{task} {name}"
+
+    def folder(self, task: str, name: str, where: str = "once") -> Path:
+        """The project of a run, which is finished."""
+        place = self._place(task, name, where)
+        if not place.exists():
+            self._run(task, name, where)
+        return place
 
     def outs(self, task: str, name: str, where: str = "once") -> dict[str, str]:
         """The hash of every output, by its path, as the lock names it."""
@@ -127,8 +146,7 @@ def test_every_name_has_its_first_difference():
     assert set(FIRST_DIFFERENCE) == set(NAMES)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", NAMES)
+@each(NAMES)
 def test_a_run_differs_from_porses_where_it_should_and_not_before(runs, task, name):
     own, porses = runs.outs(task, name), runs.outs(task, "porse")
     assert next((path for path in ORDER if path in own and own[path] != porses[path]), None) == FIRST_DIFFERENCE[name]
@@ -139,8 +157,7 @@ def test_the_same_method_gives_the_same_bytes_with_another_number_of_workers(run
     assert runs.outs(TASKS[0], name, "again") == runs.outs(TASKS[0], name)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", NAMES)
+@each(NAMES)
 def test_what_was_spent_is_what_the_schedule_says(runs, task, name):
     metrics, params = runs.metrics(task, name), load_params(runs.folder(task, name) / "params.yaml")
     spent = sum(row["series"] == "fitness" for row in runs.table(task, name, "curves"))
@@ -157,7 +174,7 @@ def replies(runs, task, name, kind):
     return [(row["slot"], row["key"], row["text"]) for row in rows if row["kind"] == kind and row["iteration"] == 1]
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [TASKS[0], pytest.param(TASKS[1], marks=pytest.mark.slow)])
 def test_methods_that_ask_the_same_question_share_the_answer(runs, task):
     for kind, names in (("reward", REWARDS), ("mapping", MAPPINGS)):
         porses = replies(runs, task, "porse", kind)
@@ -165,8 +182,7 @@ def test_methods_that_ask_the_same_question_share_the_answer(runs, task):
             assert replies(runs, task, name, kind) == porses, name
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", NAMES)
+@each(NAMES)
 def test_candidates_are_made_of_what_the_parameters_say(runs, task, name):
     candidate = load_params(runs.folder(task, name) / "params.yaml").candidate
     rows, curves = runs.table(task, name, "candidates"), runs.table(task, name, "curves")
@@ -179,7 +195,7 @@ def test_candidates_are_made_of_what_the_parameters_say(runs, task, name):
     assert paid == (candidate.bonus != "none")
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [TASKS[0], pytest.param(TASKS[1], marks=pytest.mark.slow)])
 def test_mutants_vary_what_the_ablation_leaves_them(runs, task):
     varied = {
         name: [(row["iteration"], row["varied"]) for row in runs.table(task, name, "mutants")]
@@ -199,15 +215,13 @@ def start(runs, task, name, policy):
     return (runs.folder(task, name) / "run" / "2" / "start" / "policies" / f"{policy}.safetensors").read_bytes()
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", ["eureka", "revolve-auto", "without-fusion"])
+@each(["eureka", "revolve-auto", "without-fusion"])
 def test_without_fusion_iteration_2_starts_from_the_random_policy(runs, task, name):
     assert start(runs, task, name, "fused") == start(runs, task, name, "random")
     assert start(runs, task, "porse", "fused") != start(runs, task, "porse", "random")
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", ["roska", "roska-ce"])
+@each(["roska", "roska-ce"])
 def test_roska_tries_14_alphas_for_each_candidate_and_goes_on_with_the_best(runs, task, name):
     probes = [row for row in runs.table(task, name, "candidates") if row["origin"] == "probe"]
     assert {row["iteration"] for row in probes} == {2}
@@ -226,8 +240,7 @@ def test_revolve_breeds_the_second_iteration_from_the_first(runs, task):
     assert all(set(row["parent_id"].split("+")) <= first for row in later)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("name", ["llmcount", "human", "sparse"])
+@each(["llmcount", "human", "sparse"])
 def test_methods_without_iterations_spend_everything_in_the_first(runs, task, name):
     assert [row["iteration"] for row in runs.table(task, name, "iterations")] == [1]
     assert runs.outs(task, name)["run/3/start"] == runs.outs(task, name)["run/2/start"]
