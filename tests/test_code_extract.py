@@ -3,6 +3,7 @@
 import pytest
 
 from porse.code.extract import extract
+from porse.code.program import parse_program
 from porse.code.verdict import CodeError
 
 PLAIN = "def compute_reward(a):\n    return a, {}\n"
@@ -105,3 +106,27 @@ def test_a_reply_without_a_usable_function_says_why(reply, check, line, says):
     with pytest.raises(CodeError, match=says.replace("=", "=")) as error:
         extract(reply, "reward")
     assert (error.value.check, error.value.line) == (check, line)
+
+
+# Python reads this, and 3.11 raises an error when it is to write it anew.
+ODD = "f\"\"\"{\"'''\" '''x\n\"'''}\"\"\""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "y = helper({odd}, a)", "y = {odd}.join(a)", "y = [{odd}]\n    y.append({odd})", "y, z = zip(*{odd})",
+        "y = sorted({odd})", "y = map({odd}, a)",
+    ],
+)  # fmt: skip
+def test_a_text_that_cannot_be_written_anew_does_no_harm(line):
+    reply = f"class R:\n    def __init__(self):\n        {ODD}\n        self.x = {ODD}\n\ndef helper(self, a):\n    return a\n"
+    reply += f"def compute_reward(a):\n    {line.format(odd=ODD)}\n    return a, {{}}\n"
+    parse_program(extract(reply, "reward").source)
+
+
+def test_defaults_that_would_grow_out_of_bounds_have_no_value():
+    settings = "".join(f"        self.s{i} = [x, x, x, x]\n" for i in range(1000))
+    reply = f"class R:\n    def __init__(self, x=[{'1, ' * 1000}]):\n{settings}\n"
+    reply += "def compute_reward(a):\n    r = R()\n    return a * r.s7, {}\n"
+    assert extract(reply, "reward").source.startswith("s7 = None\n")

@@ -10,8 +10,16 @@ import html
 import re
 from dataclasses import dataclass
 
-from porse.code.contract import FUNCTION_NAMES, HELPERS, MAX_REPLY_CHARACTERS, MAX_SOURCE_LINES, NAME_PATTERN, Kind
-from porse.code.scan import Chunk, chunks, parse_source
+from porse.code.contract import (
+    FUNCTION_NAMES,
+    HELPERS,
+    MAX_REPLY_CHARACTERS,
+    MAX_SOURCE_LINES,
+    MAX_TREE_NODES,
+    NAME_PATTERN,
+    Kind,
+)
+from porse.code.scan import Chunk, chunks, parse_source, text_of
 from porse.code.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
 from porse.code.syntax import all_arguments, defaults
 from porse.code.verdict import CodeError
@@ -98,23 +106,37 @@ def _settings(init: _Function) -> dict[int, str]:
     found = dict(zip(init.chunk.lines, init.chunk.text, strict=True))
     if init.tree is None:
         return found
-    given = defaults(init.tree)
+    given = _short_defaults(init.tree)
     missing = {argument.arg for argument in all_arguments(init.tree)} - given.keys()
     for statement in init.tree.body:
-        text = None
-        if _SUPER.fullmatch(ast.unparse(statement)):
+        name, value = _own(statement)
+        if value is not None:
+            is_known = missing.isdisjoint(names_read(value))
+            text = f"{name} = {text_of(_WithDefaults(given).visit(value)) if is_known else None}"
+        elif _SUPER.fullmatch(text_of(statement)):
             text = ""
-        elif isinstance(statement, ast.Assign | ast.AnnAssign):
-            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
-            is_own = isinstance(target, ast.Attribute) and ast.unparse(target.value) == "self"
-            if isinstance(target, ast.Attribute) and is_own and statement.value is not None:
-                is_known = missing.isdisjoint(names_read(statement.value))
-                value = _WithDefaults(given).visit(statement.value)
-                text = f"{target.attr} = {ast.unparse(value) if is_known else None}"
-        if text is not None:
-            numbers = init.chunk.lines[statement.lineno - 1 : statement.end_lineno]
-            found |= {number: text if number == numbers[0] else "" for number in numbers}
+        else:
+            continue
+        numbers = init.chunk.lines[statement.lineno - 1 : statement.end_lineno]
+        found |= {number: text if number == numbers[0] else "" for number in numbers}
     return found
+
+
+def _own(statement: ast.stmt) -> tuple[str, ast.expr | None]:
+    """Returns `X` and the value of `self.X = value`, an empty name for anything else."""
+    if not isinstance(statement, ast.Assign | ast.AnnAssign):
+        return "", None
+    target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+    is_own = isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name) and target.value.id == "self"
+    return (target.attr, statement.value) if is_own and isinstance(target, ast.Attribute) else ("", None)
+
+
+def _short_defaults(function: ast.FunctionDef) -> dict[str, ast.expr]:
+    """Returns the defaults of arguments by name; none of them where all that read them would grow out of bounds."""
+    given = defaults(function)
+    sizes = {name: sum(1 for _ in ast.walk(value)) for name, value in given.items()}
+    reads = (node.id for node in ast.walk(function) if isinstance(node, ast.Name))
+    return given if sum(sizes.get(name, 0) for name in reads) <= MAX_TREE_NODES else {}
 
 
 class _WithDefaults(ast.NodeTransformer):

@@ -6,6 +6,7 @@ TorchScript knows neither. What an inner function reads of the outer one is hand
 import ast
 from collections.abc import Iterator, Mapping
 
+from porse.code.scan import text_of
 from porse.code.verdict import CodeError
 
 
@@ -127,13 +128,13 @@ def _declare(name: str, function: ast.FunctionDef, inner: Mapping[str, ast.Funct
     kinds = set()
     for owner in [function, *inner.values()]:
         for node in ast.walk(owner):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == f"{name}.append" and len(node.args) == 1:
+            if isinstance(node, ast.Call) and text_of(node.func) == f"{name}.append" and len(node.args) == 1:
                 kinds.add(_appended(node.args[0], owner, function))
     kind = (kinds.pop() if len(kinds) == 1 else "") or "torch.Tensor"
     for node in ast.walk(function):
         body: list[ast.stmt] = node.body if isinstance(node, ast.FunctionDef | ast.If | ast.For | ast.With) else []
         for number, statement in enumerate(body):
-            if isinstance(statement, ast.Assign) and ast.unparse(statement) == f"{name} = []":
+            if isinstance(statement, ast.Assign) and text_of(statement) == f"{name} = []":
                 target = ast.copy_location(ast.Name(id=name, ctx=ast.Store()), statement)
                 declared = ast.AnnAssign(
                     target=target, annotation=_at(function, f"List[{kind}]"), value=statement.value, simple=1
@@ -151,7 +152,7 @@ def _appended(value: ast.expr, owner: ast.FunctionDef, function: ast.FunctionDef
     if value.id in given:
         return number_type(given[value.id])
     position = names.index(value.id)
-    calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and ast.unparse(n.func) == owner.name]
+    calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and text_of(n.func) == owner.name]
     kinds = {
         "str" if isinstance(part, ast.JoinedStr) or _is_text(part) else number_type(part)
         for call in calls

@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterator
 from typing import TypeVar
 
+from porse.code.scan import text_of
+
 Node = TypeVar("Node", bound=ast.AST)
 Comprehension = ast.ListComp | ast.GeneratorExp | ast.DictComp
 
@@ -62,7 +64,7 @@ def call_without_self(function: ast.FunctionDef, methods: Container[str]) -> Non
     """Writes `h(x)` for `h(self, x)`, in place, where `h` takes `self` first: whoever calls it has the same one."""
     for node in ast.walk(function):
         is_method = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in methods
-        if is_method and isinstance(node, ast.Call) and node.args and ast.unparse(node.args[0]) == "self":
+        if is_method and isinstance(node, ast.Call) and node.args and text_of(node.args[0]) == "self":
             node.args = node.args[1:]
 
 
@@ -90,7 +92,7 @@ def _fixed_values(function: ast.FunctionDef) -> dict[str, ast.expr]:
     for node in ast.walk(function):
         if isinstance(node, ast.For | ast.comprehension):
             through.add(id(node.iter))
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("zip", "enumerate", "len", "sorted"):
+        elif isinstance(node, ast.Call) and text_of(node.func) in ("zip", "enumerate", "len", "sorted"):
             through.update(map(id, node.args))
         elif isinstance(node, ast.Starred):
             through.add(id(node.value))
@@ -129,9 +131,9 @@ def _columns(statement: ast.stmt) -> list[ast.stmt]:
     if not isinstance(statement, ast.Assign) or len(statement.targets) != 1:
         return [statement]
     target, value = statement.targets[0], statement.value
-    if isinstance(value, ast.Call) and ast.unparse(value.func) == "map" and len(value.args) == 2:
-        value = value.args[1] if ast.unparse(value.args[0]) in ("list", "tuple") else value
-    is_zip = isinstance(value, ast.Call) and ast.unparse(value.func) == "zip" and len(value.args) == 1
+    if isinstance(value, ast.Call) and text_of(value.func) == "map" and len(value.args) == 2:
+        value = value.args[1] if text_of(value.args[0]) in ("list", "tuple") else value
+    is_zip = isinstance(value, ast.Call) and text_of(value.func) == "zip" and len(value.args) == 1
     rows = value.args[0] if isinstance(value, ast.Call) and is_zip else None
     held = rows.value if isinstance(rows, ast.Starred) else None
     if not isinstance(held, ast.Name) or not isinstance(target, ast.Tuple | ast.List):
@@ -237,9 +239,7 @@ class _Calls(ast.NodeTransformer):
         first = node.args[0] if len(node.args) == 1 else None
         if isinstance(node.func, ast.Name) and node.func.id == "sorted" and isinstance(first, ast.Name):
             value = self._values.get(first.id)
-            if isinstance(value, ast.Dict | ast.DictComp) or (
-                value is not None and ast.unparse(value).startswith("dict(")
-            ):
+            if isinstance(value, ast.Dict | ast.DictComp) or (value is not None and text_of(value).startswith("dict(")):
                 keys = ast.Call(func=ast.Attribute(value=first, attr="keys", ctx=ast.Load()), args=[], keywords=[])
                 node.args = [_at(node, keys)]
         return node

@@ -152,6 +152,14 @@ def parse_expression(text: str, where: ast.expr) -> ast.expr:
     return tree.body
 
 
+def text_of(tree: ast.AST) -> str:
+    """Returns a tree as Python text, "" where it has none: not every f-string can be written anew."""
+    try:
+        return ast.unparse(tree)
+    except ValueError:
+        return ""
+
+
 def _parse(text: str, mode: Literal["exec", "eval"], line: int) -> ast.AST:
     try:
         with warnings.catch_warnings():
