@@ -18,7 +18,10 @@ from porse.code.contract import (
     TORCH_MODULES,
     contract_text,
 )
+from porse.code.limits import Limits
 from porse.code.prelude import HELPER_SOURCES
+from porse.code.sandbox import Sandbox
+from porse.code.states import save_states
 from porse.code.verdict import CodeError
 
 CALLS = """
@@ -48,15 +51,15 @@ def patterns(text, prefix=""):
 
 
 def usable(name, calls):
-    """Whether one of the calls is accepted, runs and gives something that later lines can use."""
+    """The first source with one of the calls that is accepted, runs and gives something that later lines can use, or ""."""
     for call in calls:
         source = reward(f"y = {call.replace('F', name, 1)}\nx = a[:, 0]\nprint(y)", arguments="a, b, num_envs")
         try:
             compile_reward(source, VARIABLES, portable=True)(values())
         except CodeError:
             continue
-        return True
-    return False
+        return source
+    return ""
 
 
 def unusable(names, calls):
@@ -70,6 +73,19 @@ def test_every_torch_function_can_be_used():
 @pytest.mark.parametrize("module", ["linalg", "special", "nn.functional"])
 def test_every_function_of_a_module_can_be_used(module):
     assert unusable(TORCH_MODULES[module], patterns(CALLS, f"torch.{module}.")) == []
+
+
+def test_every_function_is_compiled_in_a_confined_process_too(tmp_path):
+    """There no file can be read, and some of torch's functions are compiled from their sources."""
+    save_states(tmp_path / "states.safetensors", values())
+    calls = {f"torch.{name}": patterns(CALLS) for name in TORCH_FUNCTIONS}
+    calls |= {
+        f"torch.{m}.{n}": patterns(CALLS) for m in ("linalg", "special", "nn.functional") for n in TORCH_MODULES[m]
+    }
+    with Sandbox(Limits()) as sandbox:
+        sandbox.load(tmp_path / "states.safetensors", VARIABLES)
+        found = {name: sandbox.probe(usable(name, forms), "reward") for name, forms in sorted(calls.items())}
+    assert [(name, verdict) for name, verdict in found.items() if verdict.check in ("static", "compile", "type")] == []
 
 
 def test_every_method_and_attribute_can_be_used():

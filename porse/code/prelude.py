@@ -37,7 +37,7 @@ def porse_cdist(a: Tensor, b: Tensor, p: float = 2.0):
         x = torch.cat([a * (-2.0), s, torch.ones_like(s)], -1)
         y = torch.cat([b, torch.ones_like(t), t], -1)
         return torch.sqrt(torch.clamp_min(torch.matmul(x, torch.transpose(y, -2, -1)), 0.0))
-    return torch.cdist(a, b, p, "donot_use_mm_for_euclid_dist")
+    return porse_cdist_kernel(a, b, p, 2)
 """,
     "functional_normalize": """\
 def porse_functional_normalize(x: Tensor, p: float = 2.0, dim: int = 1, eps: float = 1e-12):
@@ -80,5 +80,5 @@ def porse_tensor_clamp(t: Tensor, low: Tensor, high: Tensor):
 """,
 }
 """`rot_dist` is the angle of q1 * conjugate(q2). `sum` adds the tensors of a list, `merged` is `{**a, **b}`, `cdist` is torch.cdist as
-torch computes it, with the square root where portable forms reach it, and `functional_normalize` is torch.nn.functional.normalize, which takes longer to compile from
-its own source."""
+torch computes it, with the square root where portable forms reach it; 2 asks for the kernel that subtracts. And
+`functional_normalize` is torch.nn.functional.normalize, which takes longer to compile from its own source."""

@@ -28,6 +28,8 @@ from porse.variables import Variable
 
 _NAMESPACE: dict[str, Any] = {
     "torch": torch, "math": math, FUNCTIONAL: torch.nn.functional, "RuntimeError": RuntimeError,
+    # torch.cdist itself is compiled from its source, which a confined process may not read.
+    "porse_cdist_kernel": torch._VF.cdist,  # type: ignore[attr-defined]
 }  # fmt: skip
 _ROUNDS = 24
 """How often a text is written anew for names whose first value told the wrong type."""
