@@ -1,12 +1,9 @@
-"""Stage begin: what iteration 1 starts from, in the shape that `fuse` leaves for the others: no winner, theta_random."""
+"""Stage begin: what iteration 1 starts from."""
 
 from pathlib import Path
 
 import click
 
-from porse import tables
-from porse.checkpoint import write_checkpoint
-from porse.pool import RANDOM, START_POLICY, policy_file
 from porse.stage import StageCommand, begin, folder, run_stage, write_manifest
 
 
@@ -16,16 +13,9 @@ def main(out: Path) -> None:
     """Draws theta_random of iteration 1 and writes it with an empty winner and empty feedback."""
     params = begin()
     write_manifest()
-    from porse.training.start import random_policy
+    from porse.steps.begin import begin as begin_run
 
-    random = random_policy(params, 1)
-    write_checkpoint(policy_file(out, RANDOM), random)
-    # Nothing to fuse with: theta_f is theta_random (algorithm 1, n = 1).
-    write_checkpoint(policy_file(out, START_POLICY), random)
-    tables.write(out / "winner.parquet", tables.CANDIDATES, [])
-    tables.write(out / "feedback.parquet", tables.FEEDBACK, [])
-    tables.write(out / "members.parquet", tables.MEMBERS, [])
-    tables.write(out / "member_feedback.parquet", tables.MEMBER_FEEDBACK, [])
+    begin_run(params, out)
 
 
 if __name__ == "__main__":

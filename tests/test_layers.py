@@ -19,6 +19,7 @@ LAYERS: list[set[str]] = [
     {"search"},
     {"training", "generation"},
     {"report", "check_code", "film", "task_probe"},
+    {"steps"},
     {"show", "suite"},
     {"cli"},
 ]
@@ -126,6 +127,7 @@ NO_RESULT = {
     "porse/__init__.py",
     "porse/report/__init__.py",  # a sentence
     "porse/search/__init__.py",  # a sentence
+    "porse/steps/__init__.py",  # a sentence
     "porse/errors.py",  # the words of an error change no result
     "porse/stage.py",  # the command line
     "porse/config.py",  # values are tracked as params

@@ -24,9 +24,9 @@ from porse import numerics  # noqa: E402
 numerics.apply("portable")
 
 IMPORTED = (
-    "porse.training.candidate", "porse.training.probing", "porse.training.evaluation", "porse.generation.brief",
-    "porse.generation.candidates", "porse.generation.functions", "porse.generation.mutants", "porse.generation.states",
-    "porse.report.summary",
+    "porse.training.candidate", "porse.training.probing", "porse.steps.begin", "porse.steps.generate",
+    "porse.steps.validate_code", "porse.steps.train_population", "porse.steps.eliminate", "porse.steps.mutate",
+    "porse.steps.fuse", "porse.steps.evaluate", "porse.steps.summarise",
 )  # fmt: skip
 
 

@@ -1,0 +1,50 @@
+"""Step validate-code: checks every function, has broken ones repaired or replaced, and forms the first pool."""
+
+from pathlib import Path
+
+from porse import tables
+from porse.config import Params
+from porse.generation.brief import read_brief
+from porse.generation.candidates import first_pool
+from porse.generation.functions import checked_functions, reply_row, restored_attempts, verdict_row
+from porse.generation.states import checker
+from porse.pool import START_POLICIES, START_POLICY, policy_file, write_pool
+from porse.search.lengths import alpha_is_searched
+
+
+def validate_code(
+    params: Params, iteration: int, start: Path, generated: Path, prompts: Path, cache: Path, out: Path
+) -> str:
+    """Writes the verdicts, all replies of the iteration so far, and the pool of K candidates to `out`.
+
+    Args:
+        params: the run's parameters.
+        iteration: which iteration, from 1.
+        start: the folder that the iteration starts from.
+        generated: the folder that `generate` wrote.
+        prompts: the folder of the prompts' templates.
+        cache: the folder of recorded replies.
+        out: the folder to write.
+
+    Returns:
+        What to say about it.
+
+    Raises:
+        CacheError: a reply is not recorded, or its record cannot be trusted.
+        RepliesPending: in batch mode, some questions wait for an answer.
+        SearchError: no valid function is left.
+    """
+    brief = read_brief(params, iteration, start, prompts)
+    attempts = restored_attempts(tables.read(generated / "replies.parquet", tables.REPLIES), brief, params)
+    with checker(params) as check:
+        checked = checked_functions(attempts, check, brief, params, iteration, cache)
+    tried = checked.attempts
+    replies = [reply_row(iteration, a.kind, a.slot, a.number, a.reply) for a, _ in tried]
+    verdicts = [verdict_row(iteration, a, verdict) for a, verdict in tried]
+    tables.write(out / "replies.parquet", tables.REPLIES, replies)
+    tables.write(out / "verdicts.parquet", tables.VERDICTS, verdicts)
+    candidates = first_pool(checked.functions, brief.winner, brief.breedings, params, iteration)
+    stems = START_POLICIES if alpha_is_searched(params, iteration) else (START_POLICY,)
+    write_pool(out, candidates, [], {stem: policy_file(start, stem) for stem in stems})
+    valid, again = sum(verdict.passed for _, verdict in tried), len(tried) - len(attempts)
+    return f"iteration {iteration}: {valid} of {len(tried)} replies ran, {again} of them asked for again"
