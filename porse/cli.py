@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from porse import __version__, tables
+from porse import __version__, numerics, tables
 from porse.config import load_params
 from porse.errors import PorseError
 from porse.methods import ABLATIONS, METHODS
@@ -22,6 +22,8 @@ _LAZY = {
     "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
+
+FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
 class _Porse(click.Group):
@@ -71,6 +73,23 @@ def show_schedule(path: Path) -> None:
         if mutants(params, entry.n):
             click.echo(f"iteration {entry.n}: mutants vary {varied(params, entry.n)}")
     click.echo(f"in all {total_epochs(params)} epochs of {allowed_epochs(params)} allowed")
+
+
+@main.command("run")
+@click.option("--out", required=True, type=FOLDER, help="Where the outputs go; made when missing.")
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
+@click.option("--prompts", default="prompts", show_default=True, type=FOLDER, help="The prompts' templates.")
+@click.option("--cache", default="llm_cache", show_default=True, type=FOLDER, help="The recorded replies.")
+def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
+    """Run params.yaml in one process, without DVC: the same bytes, nothing tracked, nothing skipped."""
+    params = load_params(path)
+    # Before torch is imported.
+    numerics.apply(params.numerics)
+    from porse.iteration import Place, run
+
+    run(params, Place(out, prompts, cache), click.echo)
 
 
 @main.command("methods")

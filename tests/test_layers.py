@@ -20,6 +20,7 @@ LAYERS: list[set[str]] = [
     {"training", "generation"},
     {"report", "check_code", "film", "task_probe"},
     {"steps"},
+    {"iteration"},
     {"show", "suite"},
     {"cli"},
 ]
