@@ -87,9 +87,11 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
     params = load_params(path)
     # Before torch is imported.
     numerics.apply(params.numerics)
+    from porse.generation.states import checker
     from porse.iteration import Place, run
 
-    run(params, Place(out, prompts, cache), click.echo)
+    with checker(params) as check:
+        run(params, Place(out, prompts, cache), check, click.echo)
 
 
 @main.command("methods")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from porse.config import Iteration, Params
 from porse.errors import PorseError
+from porse.generation.functions import Check
 from porse.steps.begin import begin
 from porse.steps.eliminate import eliminate
 from porse.steps.evaluate import evaluate
@@ -52,12 +53,13 @@ class Place:
         return self.run / str(iteration) / stage
 
 
-def run(params: Params, place: Place, say: Say) -> None:
+def run(params: Params, place: Place, check: Check, say: Say) -> None:
     """Runs all iterations, the evaluation and the summary.
 
     Args:
         params: the run's parameters. The numeric profile must have been applied before this module was imported.
         place: where to read and write; there must be no run yet.
+        check: tries functions, see `porse.generation.states.checker`.
         say: is given a line or two about each step.
 
     Raises:
@@ -70,14 +72,21 @@ def run(params: Params, place: Place, say: Say) -> None:
         )
     begin(params, place.of(1, "start"))
     for entry in params.iterations:
-        iterate(params, entry, place, say)
+        iterate(params, entry, place, check, say)
     evaluation, metrics = place.folder / "evaluation", place.folder / "metrics.json"
     say(evaluate(params, place.run, evaluation))
     say(summarise(params, place.run, evaluation, place.folder / "results", metrics, place.folder / "plots"))
 
 
-def iterate(params: Params, entry: Iteration, place: Place, say: Say) -> None:
+def iterate(params: Params, entry: Iteration, place: Place, check: Check, say: Say) -> None:
     """Runs one iteration n, from `run/n/start` to the start of the next.
+
+    Args:
+        params: the run's parameters.
+        entry: the iteration.
+        place: where to read and write.
+        check: tries functions.
+        say: is given a line about each step.
 
     Raises:
         PorseError: a step could not do its work.
@@ -93,7 +102,7 @@ def iterate(params: Params, entry: Iteration, place: Place, say: Say) -> None:
     # Lines 2 to 8: K rewards and K mappings, every one of which runs.
     say(generate(params, n, start, place.prompts, place.cache, generated))
     first = place.of(n, "validate-code")
-    say(validate_code(params, n, start, generated, place.prompts, place.cache, first))
+    say(validate_code(params, n, start, generated, check, place.prompts, place.cache, first))
     half_time("validate-code")
     # Lines 9 to 25: train all, keep the best, rung by rung.
     for rung in params.rungs:

@@ -17,9 +17,12 @@ from porse.stage import StageCommand, begin, folder, run_stage, say
 def main(iteration: int, start: Path, generated: Path, prompts: Path, cache: Path, out: Path) -> None:
     """Writes the verdicts, all replies of the iteration so far, and the pool of K candidates."""
     params = begin()
+    from porse.generation.states import checker
     from porse.steps.validate_code import validate_code
 
-    say(validate_code(params, iteration, start, generated, prompts, cache, out))
+    with checker(params) as check:
+        said = validate_code(params, iteration, start, generated, check, prompts, cache, out)
+    say(said)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,24 @@
-"""Every method and every ablation through `dvc repro`, on two tasks, from the grammar: what differs from PoRSE's run.
+"""Every method and every ablation on two tasks, from the grammar: what differs from PoRSE's run.
 
-The runs are real ones at tiny size, two at a time; a warm server spares each stage its imports. An ablation concerns the
-search and not the task: on the second task they belong to the long suite.
+The runs are real ones at tiny size, in one process; those whose way through the stages is their own are run by DVC as
+well. An ablation concerns the search and not the task: on the second task they belong to the long suite.
 """
 
 import json
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import yaml
 
+from at_once import outputs, run_at_once
 from porse import tables
-from porse.config import load_params
+from porse.config import load_params, parse_params
+from porse.generation.functions import Check
+from porse.generation.states import checker
 from porse.methods import ABLATIONS, METHODS
 from porse.search.schedule import total_epochs
+from porse.training.population import WORKERS_VARIABLE
 from tiny import committed_params, dvc, make_project
 from warm_stages import warm_stages
 
@@ -59,6 +62,10 @@ REWARDS = ("eureka", "roska", "roska-ce", "revolve-auto", "simhash", "without-bo
 MAPPINGS = ("llmcount", "without-goal-reward")
 """Who asks for the same rewards, or mappings, as PoRSE in iteration 1."""
 
+BY_DVC = ("roska", "revolve-auto", "llmcount", "without-fusion")
+"""Who is run by DVC as well: alpha is searched, islands are handed on, the second iteration has nobody in it, and an
+ablation changes what `fuse` and `mutate` do. PoRSE itself is in `tests/test_pipeline.py`."""
+
 ONE_ITERATION = (
     "without-goal-reward", "spliced-mapping", "beyond-goal", "cells-1000", "cells-2000", "cells-3000",
     "weights-sum-to-1", "gpt-4o-mini",
@@ -98,33 +105,25 @@ def each(names: Sequence[str]) -> pytest.MarkDecorator:
 
 
 class Runs:
-    """The runs, by task and name; `again` are second runs of every method in another place. The long ones wait."""
+    """The runs, by task and name, each made when it is first asked for."""
 
-    def __init__(self, folder: Path, venv: Path) -> None:
-        self._folder, self._venv = folder, venv
-        places = [(task, name, "once") for task in TASKS for name in NAMES if not is_long(task, name)]
-        places += [(TASKS[0], name, "again") for name in METHOD_NAMES]
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(lambda place: self._run(*place), places))
-
-    def _run(self, task: str, name: str, where: str) -> None:
-        project = make_project(self._place(task, name, where), params_of(task, name), self._venv)
-        dvc(project, "repro", "--no-run-cache", PORSE_WORKERS="1" if where == "again" else "2")
-
-    def _place(self, task: str, name: str, where: str) -> Path:
-        return self._folder / where / f"{task} {name}"
+    def __init__(self, folder: Path, checks: Callable[[str], Check]) -> None:
+        self._folder, self._checks = folder, checks
+        self._outs: dict[Path, dict[str, str]] = {}
 
     def folder(self, task: str, name: str, where: str = "once") -> Path:
-        """The project of a run, which is finished."""
-        place = self._place(task, name, where)
+        """The folder of a run, which is finished."""
+        place = self._folder / where / f"{task} {name}"
         if not place.exists():
-            self._run(task, name, where)
+            run_at_once(place, params_of(task, name), self._checks(task))
         return place
 
     def outs(self, task: str, name: str, where: str = "once") -> dict[str, str]:
-        """The hash of every output, by its path, as the lock names it."""
-        lock = yaml.safe_load((self.folder(task, name, where) / "dvc.lock").read_text())
-        return {out["path"]: out["md5"] for stage in lock["stages"].values() for out in stage["outs"]}
+        """The hash of every output, by its path."""
+        folder = self.folder(task, name, where)
+        if folder not in self._outs:
+            self._outs[folder] = outputs(folder)
+        return self._outs[folder]
 
     def table(self, task: str, name: str, table: str) -> list[dict]:
         return tables.read(self.folder(task, name) / "results" / f"{table}.parquet", tables.TABLES[table])
@@ -135,8 +134,22 @@ class Runs:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> Iterator[Runs]:
-    with warm_stages(tmp_path_factory.mktemp("warm")) as venv:
-        yield Runs(tmp_path_factory.mktemp("runs"), venv)
+    with ExitStack() as opened:
+        made: dict[str, Check] = {}
+
+        def checks(task: str) -> Check:
+            # Methods and ablations do not differ in how functions are tried: one process tries those of all runs of a task.
+            if task not in made:
+                made[task] = opened.enter_context(checker(parse_params(params_of(task, "porse"), "a test")))
+            return made[task]
+
+        yield Runs(tmp_path_factory.mktemp("runs"), checks)
+
+
+@pytest.fixture(scope="module")
+def venv(tmp_path_factory) -> Iterator[Path]:
+    with warm_stages(tmp_path_factory.mktemp("warm")) as made:
+        yield made
 
 
 pytestmark = pytest.mark.timeout(1200)
@@ -152,9 +165,24 @@ def test_a_run_differs_from_porses_where_it_should_and_not_before(runs, task, na
     assert next((path for path in ORDER if path in own and own[path] != porses[path]), None) == FIRST_DIFFERENCE[name]
 
 
+def test_functions_are_tried_in_the_same_way_by_every_method_and_ablation():
+    params = [parse_params(params_of(TASKS[0], name), "a test") for name in NAMES]
+    assert len({(p.seed, p.validate) for p in params}) == 1
+
+
 @pytest.mark.parametrize("name", METHOD_NAMES)
-def test_the_same_method_gives_the_same_bytes_with_another_number_of_workers(runs, name):
-    assert runs.outs(TASKS[0], name, "again") == runs.outs(TASKS[0], name)
+def test_the_same_method_gives_the_same_bytes_with_another_number_of_workers(runs, monkeypatch, name):
+    monkeypatch.setenv(WORKERS_VARIABLE, "2")
+    once = runs.outs(TASKS[0], name)
+    monkeypatch.setenv(WORKERS_VARIABLE, "1")
+    assert runs.outs(TASKS[0], name, "again") == once
+
+
+@pytest.mark.parametrize("name", BY_DVC)
+def test_dvc_gives_the_bytes_of_one_process(runs, venv, tmp_path, name):
+    project = make_project(tmp_path / "project", params_of(TASKS[0], name), venv)
+    dvc(project, "repro", "--no-run-cache")
+    assert outputs(project) == runs.outs(TASKS[0], name)
 
 
 @each(NAMES)

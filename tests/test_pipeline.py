@@ -16,8 +16,10 @@ from typing import ClassVar
 import pytest
 import yaml
 
+from at_once import outputs, run_at_once
 from porse import tables
 from porse.config import load_params
+from porse.generation.states import checker
 from porse.report.figures import chain_fitness
 from porse.report.run import read_lineage
 from porse.training import evaluation
@@ -168,6 +170,14 @@ def test_a_parameter_of_mutate_concerns_only_what_depends_on_it(recorded):
     finally:
         (recorded / "params.yaml").write_text(original)
     assert sorted(status) == ["mutate@0", "mutate@1", "summarise"]
+
+
+def test_one_process_leaves_the_bytes_of_all_stages(recorded, tmp_path):
+    with checker(load_params(recorded / "params.yaml")) as check:
+        said = run_at_once(tmp_path / "run", tiny_params(), check, recorded / "llm_cache")
+    assert outputs(tmp_path / "run") == outputs(recorded)
+    # Two iterations: generate, validate-code, three rungs, mutate and fuse; then evaluate and summarise.
+    assert len(said) == 2 * (1 + 1 + 3 + 1 + 1) + 2
 
 
 def processes_in(folder: Path) -> list[str]:

@@ -77,6 +77,10 @@ def restored_attempts(rows: Sequence[Row], brief: Brief, params: Params) -> list
     ]
 
 
+Check = Callable[[Sequence[Attempt]], list[tuple[Verdict, str]]]
+"""Attempts -> for each its verdict and its normalised source, "" when it did not pass."""
+
+
 @dataclass(frozen=True)
 class Checked:
     """What checking and repairing left: every attempt with its verdict, and one function for each slot and kind."""
@@ -87,7 +91,7 @@ class Checked:
 
 def checked_functions(
     attempts: Sequence[Attempt],
-    check: Callable[[Sequence[Attempt]], list[tuple[Verdict, str]]],
+    check: Check,
     brief: Brief,
     params: Params,
     iteration: int,

@@ -1,8 +1,8 @@
 """Real states of the run's task, for trying functions on, and the checker that uses them."""
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from porse.code.limits import Limits
+from porse.code.sandbox import Sandbox
 from porse.code.states import save_states
-from porse.code.validate import Submission, validate
+from porse.code.validate import Submission, judge
 from porse.code.verdict import Verdict
 from porse.config import Params
-from porse.generation.functions import Attempt
+from porse.generation.functions import Attempt, Check
 from porse.identity import seed_for
 from porse.tasks import find_task, make_task
 
@@ -38,19 +39,26 @@ def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[s
 
 
 @contextmanager
-def checker(params: Params) -> Iterator[Callable[[Sequence[Attempt]], list[tuple[Verdict, str]]]]:
-    """Gives a function from attempts to their verdicts and normalised sources, on real states of the run's task."""
-    seed = seed_for(params.seed, "probe")
+def checker(params: Params) -> Iterator[Check]:
+    """Gives a function from attempts to their verdicts and normalised sources, on real states of the run's task.
+
+    One confined process serves all that is checked while the block runs. It starts when it is first needed.
+    """
     variables = find_task(params.task).VARIABLES
-    with tempfile.TemporaryDirectory() as scratch:
-        path = Path(scratch) / "states.safetensors"
+    sandbox: Sandbox | None = None
+    with ExitStack() as opened:
 
         def check(attempts: Sequence[Attempt]) -> list[tuple[Verdict, str]]:
-            if not path.exists():
-                save_states(
-                    path, probe_states(params.task, params.validate.probe_envs, params.validate.probe_steps, seed)
-                )
-            submissions = [Submission(attempt.reply.text, attempt.kind) for attempt in attempts]
-            return validate(submissions, variables, path, Limits())
+            nonlocal sandbox
+            if not attempts:
+                return []
+            if sandbox is None:
+                states = Path(opened.enter_context(tempfile.TemporaryDirectory())) / "states.safetensors"
+                # It loads torch while the states are made.
+                sandbox = opened.enter_context(Sandbox(Limits()))
+                probe, seed = params.validate, seed_for(params.seed, "probe")
+                save_states(states, probe_states(params.task, probe.probe_envs, probe.probe_steps, seed))
+                sandbox.load(states, variables)
+            return [judge(Submission(attempt.reply.text, attempt.kind), variables, sandbox) for attempt in attempts]
 
         yield check

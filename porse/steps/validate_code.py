@@ -6,14 +6,20 @@ from porse import tables
 from porse.config import Params
 from porse.generation.brief import read_brief
 from porse.generation.candidates import first_pool
-from porse.generation.functions import checked_functions, reply_row, restored_attempts, verdict_row
-from porse.generation.states import checker
+from porse.generation.functions import Check, checked_functions, reply_row, restored_attempts, verdict_row
 from porse.pool import START_POLICIES, START_POLICY, policy_file, write_pool
 from porse.search.lengths import alpha_is_searched
 
 
 def validate_code(
-    params: Params, iteration: int, start: Path, generated: Path, prompts: Path, cache: Path, out: Path
+    params: Params,
+    iteration: int,
+    start: Path,
+    generated: Path,
+    check: Check,
+    prompts: Path,
+    cache: Path,
+    out: Path,
 ) -> str:
     """Writes the verdicts, all replies of the iteration so far, and the pool of K candidates to `out`.
 
@@ -22,6 +28,7 @@ def validate_code(
         iteration: which iteration, from 1.
         start: the folder that the iteration starts from.
         generated: the folder that `generate` wrote.
+        check: tries functions, see `porse.generation.states.checker`.
         prompts: the folder of the prompts' templates.
         cache: the folder of recorded replies.
         out: the folder to write.
@@ -36,8 +43,7 @@ def validate_code(
     """
     brief = read_brief(params, iteration, start, prompts)
     attempts = restored_attempts(tables.read(generated / "replies.parquet", tables.REPLIES), brief, params)
-    with checker(params) as check:
-        checked = checked_functions(attempts, check, brief, params, iteration, cache)
+    checked = checked_functions(attempts, check, brief, params, iteration, cache)
     tried = checked.attempts
     replies = [reply_row(iteration, a.kind, a.slot, a.number, a.reply) for a, _ in tried]
     verdicts = [verdict_row(iteration, a, verdict) for a, verdict in tried]
