@@ -1,14 +1,18 @@
 """The data dictionary: what one row of each table means, and checked, sorted, reproducible reading and writing.
 
 Nothing else in the project knows a column by heart. `write` refuses rows that differ from the declaration, sorts them by
-the key, refuses a key that stands twice, and writes the same bytes for the same rows. `read` refuses a file that
-differs from the declaration. Rows are plain dicts; a table of a few thousand rows needs nothing faster.
+the key, and writes the same bytes for the same rows. `read` refuses a file that differs from the declaration. Both refuse
+rows that cannot be told apart, numbers that are not finite where they must be, and ids that are none: a table may come
+from somebody else, and the names of files are made of its ids. Rows are plain dicts; a table of a few thousand rows needs
+nothing faster.
 """
 
-from collections.abc import Iterable, Mapping
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,13 +22,18 @@ from porse.errors import TableError
 Row = dict[str, Any]
 
 
+Form = Literal["any", "finite", "id", "ids"]
+"""What values a column may hold: any of its type, finite numbers, an id, or ids joined by + (none: empty)."""
+
+
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, its Arrow type, and what it means, with the unit."""
+    """One column: its name, its Arrow type, what it means, with the unit, and which values of the type it may hold."""
 
     name: str
     type: pa.DataType
     meaning: str
+    form: Form = "any"
 
 
 @dataclass(frozen=True)
@@ -36,12 +45,14 @@ class Table:
         grain: what one row is.
         key: the columns that tell rows apart, in sorting order.
         columns: all columns, in the file's order.
+        also: other columns that tell rows apart, none where the key alone does.
     """
 
     name: str
     grain: str
     key: tuple[str, ...]
     columns: tuple[Column, ...]
+    also: tuple[str, ...] = ()
 
     @property
     def schema(self) -> pa.Schema:
@@ -52,7 +63,21 @@ class Table:
 _TEXT, _INT, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _ITERATION = Column("iteration", _INT, "iteration, from 1")
 _RUNG = Column("rung", _TEXT, "rung, as in params.yaml")
-_CANDIDATE = Column("candidate_id", _TEXT, "hash of the candidate's content")
+_CANDIDATE = Column("candidate_id", _TEXT, "hash of the candidate's content", "id")
+
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_IDS = re.compile(rf"({_ID.pattern}(\+{_ID.pattern})*)?")
+_FORMS: dict[Form, Callable[[Any], object] | None] = {
+    "any": None,
+    "finite": math.isfinite,
+    "id": _ID.fullmatch,
+    "ids": _IDS.fullmatch,
+}
+_EXPECTED: dict[Form, str] = {
+    "finite": "finite numbers",
+    "id": "ids (at most 100 letters, digits, dots, dashes and underscores, a letter or a digit first)",
+    "ids": "ids joined by + (each at most 100 letters, digits, dots, dashes and underscores)",
+}
 
 REPLIES = Table(
     "replies",
@@ -67,7 +92,12 @@ REPLIES = Table(
         Column("finish_reason", _TEXT, "why the model stopped"),
         Column("prompt_tokens", _INT, "tokens of the question when it was recorded"),
         Column("completion_tokens", _INT, "tokens of the reply when it was recorded"),
-        Column("recorded_usd", _REAL, "US dollars that the reply cost when it was recorded; a replay costs nothing"),
+        Column(
+            "recorded_usd",
+            _REAL,
+            "US dollars that the reply cost when it was recorded; a replay costs nothing",
+            "finite",
+        ),
         Column("answered_by", _TEXT, "who answered: a model's name, or a person"),
         Column("text", _TEXT, "the reply"),
     ),
@@ -99,17 +129,18 @@ CANDIDATES = Table(
         Column("slot", _INT, "place in the iteration, from 0; mutants count on"),
         _CANDIDATE,
         Column("origin", _TEXT, "new, elite (the previous winner's functions), mutant, probe, mutation or crossover"),
-        Column("parent_id", _TEXT, "candidates that it comes from, joined by +; empty for a new one"),
+        Column("parent_id", _TEXT, "candidates that it comes from, joined by +; empty for a new one", "ids"),
         Column("reward_key", _TEXT, "key of the reply with the reward; empty where none is generated"),
         Column("mapping_key", _TEXT, "key of the reply with the mapping; empty where none is generated"),
         Column("reward_source", _TEXT, "the goal reward, as checked; empty where none is generated"),
         Column("mapping_source", _TEXT, "the mapping, as checked; empty where none is generated"),
-        Column("beta", _REAL, "weight of the exploration bonus, 1"),
-        Column("alpha", _REAL, "share of the previous winner in the first policy, 1"),
-        Column("policy", _TEXT, "stem of the file in policies/ that training goes on from"),
+        Column("beta", _REAL, "weight of the exploration bonus, 1", "finite"),
+        Column("alpha", _REAL, "share of the previous winner in the first policy, 1", "finite"),
+        Column("policy", _TEXT, "stem of the file in policies/ that training goes on from", "id"),
         Column("epochs", _INT, "epochs trained so far in this iteration"),
         Column("failure", _TEXT, "why its training ended early, else empty"),
     ),
+    also=("iteration", "candidate_id"),
 )
 
 CURVES = Table(
@@ -135,8 +166,8 @@ SCORES = Table(
         _RUNG,
         _CANDIDATE,
         Column("rank", _INT, "0: best"),
-        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window); 0 when it failed"),
-        Column("mts", _REAL, "highest fitness of the iteration so far; 0 when it failed"),
+        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window); 0 when it failed", "finite"),
+        Column("mts", _REAL, "highest fitness of the iteration so far; 0 when it failed", "finite"),
         Column(
             "failed", _FLAG, "whether its training ended early, or another probe beat it; such a candidate ranks last"
         ),
@@ -153,8 +184,9 @@ SURVIVORS = Table(
         _RUNG,
         Column("rank", _INT, "0: best"),
         _CANDIDATE,
-        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window)"),
+        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window)", "finite"),
     ),
+    also=("iteration", "rung", "candidate_id"),
 )
 
 MUTANTS = Table(
@@ -165,10 +197,10 @@ MUTANTS = Table(
         _ITERATION,
         Column("index", _INT, "place among the values of the reply, from 0"),
         _CANDIDATE,
-        Column("parent_id", _TEXT, "the best survivor"),
+        Column("parent_id", _TEXT, "the best survivor", "ids"),
         Column("varied", _TEXT, "beta or alpha"),
-        Column("proposed", _REAL, "the model's value, 1"),
-        Column("value", _REAL, "the value after the particle-swarm step, 1"),
+        Column("proposed", _REAL, "the model's value, 1", "finite"),
+        Column("value", _REAL, "the value after the particle-swarm step, 1", "finite"),
     ),
 )
 
@@ -193,7 +225,7 @@ MEMBERS = Table(
     (
         Column("island", _INT, "island, from 0"),
         _CANDIDATE,
-        Column("fitness", _REAL, "MTS of its training, by which it is drawn and admitted"),
+        Column("fitness", _REAL, "MTS of its training, by which it is drawn and admitted", "finite"),
         Column("reward_source", _TEXT, "the goal reward, as checked"),
     ),
 )
@@ -214,7 +246,7 @@ EVALUATION = Table(
         _ITERATION,
         _CANDIDATE,
         Column("epoch", _INT, "epoch of the iteration, from 1"),
-        Column("fitness", _REAL, "fitness at the epoch's last step"),
+        Column("fitness", _REAL, "fitness at the epoch's last step", "finite"),
     ),
 )
 
@@ -224,12 +256,12 @@ ITERATIONS = Table(
     ("iteration",),
     (
         _ITERATION,
-        Column("winner_id", _TEXT, "best candidate at the end of the iteration"),
-        Column("beta", _REAL, "the winner's weight of the bonus, 1"),
-        Column("alpha", _REAL, "the winner's share of the previous winner, 1"),
-        Column("mts", _REAL, "highest fitness that any training of the iteration reached"),
-        Column("winner_mts", _REAL, "highest fitness of the winner's training"),
-        Column("fitness", _REAL, "the winner's fitness over its last epochs"),
+        Column("winner_id", _TEXT, "best candidate at the end of the iteration", "id"),
+        Column("beta", _REAL, "the winner's weight of the bonus, 1", "finite"),
+        Column("alpha", _REAL, "the winner's share of the previous winner, 1", "finite"),
+        Column("mts", _REAL, "highest fitness that any training of the iteration reached", "finite"),
+        Column("winner_mts", _REAL, "highest fitness of the winner's training", "finite"),
+        Column("fitness", _REAL, "the winner's fitness over its last epochs", "finite"),
         Column("epochs", _INT, "epochs spent on all candidates"),
         Column("environment_steps", _INT, "environment steps of those epochs"),
         Column("replies", _INT, "replies with a function in them that were read"),
@@ -261,19 +293,16 @@ def write(path: Path, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
     """Writes `rows` as the table's file at `path`, sorted by the key; equal rows give equal bytes.
 
     Raises:
-        TableError: a column is missing, unknown, null or of another type, or two rows have one key.
+        TableError: a column is missing, unknown, null or of another type, two rows have one key, a number is not finite
+            that must be, or an id is none.
     """
     ordered = sorted((dict(row) for row in rows), key=lambda row: _key_of(row, table, path))
     names = [column.name for column in table.columns]
-    for before, row in zip([None, *ordered], ordered, strict=False):
+    for row in ordered:
         if row.keys() != set(names):
             differ = sorted(set(names) ^ set(row))
             raise TableError(
                 f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; mend the stage that made it"
-            )
-        if before is not None and _key_of(before, table, path) == _key_of(row, table, path):
-            raise TableError(
-                f"expected one row for each {table.grain}, found two with {_describe_key(row, table)} while writing {path}; mend the stage that made them"
             )
     try:
         arrow = pa.Table.from_pylist(ordered, schema=table.schema)
@@ -287,6 +316,8 @@ def write(path: Path, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
             raise TableError(
                 f"expected no missing values in {table.name}, found some in {column} while writing {path}; mend the stage that made them"
             )
+    if fault := _fault(ordered, table):
+        raise TableError(f"{fault} while writing {path}; mend the stage that made them")
     path.parent.mkdir(parents=True, exist_ok=True)
     # Fixed options: no statistics and no dictionary, so that the bytes follow from the rows and the pinned pyarrow alone.
     pq.write_table(arrow, path, compression="zstd", use_dictionary=False, write_statistics=False, version="2.6")
@@ -296,10 +327,12 @@ def read(path: Path, table: Table) -> list[Row]:
     """Returns the rows of the table's file at `path`, in key order.
 
     Raises:
-        TableError: the file is missing, is no Parquet, or has other columns than the declaration.
+        TableError: the file is missing, is no Parquet, has other columns than the declaration, or rows that `write`
+            refuses.
     """
     try:
         arrow = pq.read_table(path, use_threads=False)
+        arrow.validate(full=True)
     except FileNotFoundError:
         raise TableError(
             f"expected the table {table.name} at {path}, found no such file; run `dvc repro` to make it"
@@ -313,7 +346,31 @@ def read(path: Path, table: Table) -> list[Row]:
         raise TableError(
             f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `dvc repro`"
         )
-    return arrow.to_pylist()
+    rows: list[Row] = arrow.to_pylist()
+    if fault := _fault(rows, table):
+        raise TableError(f"{fault} in {path}; no stage wrote it so: delete it and run `dvc repro`")
+    return rows
+
+
+def _fault(rows: Sequence[Row], table: Table) -> str:
+    """Returns what was expected of rows that are sorted by the key, and what was found; empty when nothing is wrong."""
+    for columns in (table.key, table.also):
+        seen: set[tuple[Any, ...]] = set()
+        for row in rows if columns else ():
+            values = tuple(row[name] for name in columns)
+            if values in seen:
+                said = ", ".join(f"{name} = {row[name]!r}" for name in columns)
+                return f"expected one row for each {table.grain}, found two with {said}"
+            seen.add(values)
+    for column in table.columns:
+        has_form = _FORMS[column.form]
+        if has_form is None:
+            continue
+        wrong = next((row for row in rows if not has_form(row[column.name])), None)
+        if wrong is not None:
+            found = repr(wrong[column.name])
+            return f"expected {_EXPECTED[column.form]} in the column {column.name} of {table.name}, found {found}"
+    return ""
 
 
 def _key_of(row: Mapping[str, Any], table: Table, path: Path) -> tuple[Any, ...]:
@@ -323,7 +380,3 @@ def _key_of(row: Mapping[str, Any], table: Table, path: Path) -> tuple[Any, ...]
         raise TableError(
             f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; mend the stage that made it"
         ) from None
-
-
-def _describe_key(row: Mapping[str, Any], table: Table) -> str:
-    return ", ".join(f"{name} = {row[name]!r}" for name in table.key)

@@ -1,6 +1,7 @@
 """Whole prompts, held as they are sent. After a wanted change: `python tests/test_prompts.py` writes them anew."""
 
 import dataclasses
+import re
 import sys
 from pathlib import Path
 
@@ -111,6 +112,35 @@ def test_a_missing_fact_is_an_error(root):
 
     with pytest.raises(PorseError, match="contract"):
         render(root / "prompts", "reward-system")
+
+
+@pytest.mark.parametrize(
+    ("template", "found"),
+    [
+        ("{{ fact.__class__ }}", "access to attribute '__class__'"),
+        ("{{ ''.__class__.__mro__[1].__subclasses__() }}", "unsafe"),
+        ("{{ self.__init__.__globals__ }}", "unsafe"),
+        ("{{ fact.append(1) }}", "unsafe"),
+        ("{{ fact.pop }}", "unsafe"),
+        ("{% for n in range(10 ** 9) %}{% endfor %}", "Range too big"),
+        ("{% include '../secret.jinja' %}", "TemplateNotFound"),
+        ("{% include '/etc/hostname' %}", "TemplateNotFound"),
+        ("{{ 1 // 0 }}", "ZeroDivisionError"),
+        ("{{ fact + 1 }}", "TypeError"),
+        ("{% if %}", "TemplateSyntaxError"),
+        (b"\xff", "UnicodeDecodeError"),
+    ],
+)
+def test_a_template_reaches_its_facts_and_its_folder_and_nothing_else(tmp_path, template, found):
+    from porse.errors import PorseError
+    from porse.prompts import render
+
+    (tmp_path / "secret.jinja").write_text("secret")
+    (tmp_path / "prompts").mkdir()
+    (tmp_path / "prompts" / "odd.jinja").write_bytes(template if isinstance(template, bytes) else template.encode())
+    expected = rf"expected the prompt odd in .* to render with fact, found: .*{re.escape(found)}.*; mend the template"
+    with pytest.raises(PorseError, match=expected):
+        render(tmp_path / "prompts", "odd", fact=[1])
 
 
 def test_prompts_say_what_the_paper_says():
