@@ -4,12 +4,12 @@ The numbers are asymmetric on purpose: with beta 1 of 2, or two equal candidates
 """
 
 import dataclasses
-import hashlib
 import json
 
 import numpy as np
 import pytest
 
+from meaning_cases import changed, named, row_of
 from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.errors import ParamsError
@@ -49,12 +49,6 @@ from porse.search.schedule import (
 )
 
 
-def changed(params, **sections):
-    """The parameters with some values of some sections replaced."""
-    replaced = {name: dataclasses.replace(getattr(params, name), **values) for name, values in sections.items()}
-    return dataclasses.replace(params, **replaced)
-
-
 def curve(name, values, series="fitness", first=1):
     return [
         {"iteration": 3, "rung": "1", "candidate_id": name, "series": series, "epoch": epoch, "value": value}
@@ -63,20 +57,15 @@ def curve(name, values, series="fitness", first=1):
 
 
 def candidate(name, slot=0, **changes):
-    row = {
-        "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "rk",
-        "mapping_key": "mk", "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "beta": 0.7,
-        "alpha": 0.3, "policy": "fused", "epochs": 45, "failure": "",
+    values = {
+        "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "reward_key": "rk", "mapping_key": "mk",
+        "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "beta": 0.7, "alpha": 0.3,
+        "policy": "fused", "epochs": 45,
     }  # fmt: skip
-    return {**row, **changes}
+    return row_of(tables.CANDIDATES, **{**values, **changes})
 
 
-# Names of draws. The digest is taken of a text written here: `printf 'seed\n[5,"swarm",3]' | sha256sum`.
-
-
-def named(text):
-    """The first 63 of the 64 bits that the digest of a draw's name begins with."""
-    return int(hashlib.sha256(f"seed\n{text}".encode()).hexdigest()[:16], 16) >> 1
+# Names of draws.
 
 
 def test_a_seed_is_the_digest_of_the_runs_seed_and_the_draws_name():

@@ -1,13 +1,14 @@
 """What a training means: the total reward, PPO's construction, GAE by pencil, and who is trained with which draws."""
 
 import dataclasses
-import hashlib
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
 
+from meaning_cases import changed, named, row_of
+from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.exploration import SimHashCounts, SumCounts, VisitCounts
 from porse.identity import seed_for
@@ -29,16 +30,6 @@ from porse.training.start import random_policy
 from porse.training.trainer import Trainer, draw_policy
 from porse.training.vecenv import TaskEnv, observation_groups
 from samples import MAPPING, REWARD
-
-
-def changed(params, **sections):
-    replaced = {name: dataclasses.replace(getattr(params, name), **values) for name, values in sections.items()}
-    return dataclasses.replace(params, **replaced)
-
-
-def named(text):
-    """The number of a named draw, from the digest of a text written here: printf 'seed\\n[5,...]' | sha256sum."""
-    return int(hashlib.sha256(f"seed\n{text}".encode()).hexdigest()[:16], 16) >> 1
 
 
 class Task:
@@ -428,12 +419,11 @@ def test_where_there_is_no_bonus_the_mapping_is_not_asked(small, made, tmp_path)
 
 
 def row(name, slot, **changes):
-    whole = {
-        "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "beta": 0.7,
-        "alpha": 0.3, "policy": "fused", "epochs": 0, "failure": "",
+    values = {
+        "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "reward_source": f"reward {name}",
+        "mapping_source": f"mapping {name}", "beta": 0.7, "alpha": 0.3, "policy": "fused",
     }  # fmt: skip
-    return {**whole, **changes}
+    return row_of(tables.CANDIDATES, **{**values, **changes})
 
 
 def weights(path, value):
