@@ -5,6 +5,7 @@ The numbers are asymmetric on purpose: with beta 1 of 2, or two equal candidates
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.functions import Function
 from porse.generation.mutants import Swarm, write_starts
+from porse.generation.values import questions_text
 from porse.identity import candidate_id, seed_for
 from porse.llm.request import Reply
 from porse.pool import Pool, policy_file
+from porse.search.bayes import _mean_excess
 from porse.search.breeding import Breeding, Population, bred, plan
 from porse.search.elimination import (
     Score,
@@ -34,6 +37,7 @@ from porse.search.elimination import (
 from porse.search.feedback import Series, feedback_rows, shown_series
 from porse.search.fusion import fuse
 from porse.search.incumbent import incumbent, winner
+from porse.search.islands import softmax
 from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
 from porse.search.lineage import evaluation_seed, lineage
 from porse.search.mutation import mutant, swarm_seed, swarm_step
@@ -142,17 +146,17 @@ def test_sampled_epochs_end_each_tenth_of_an_uneven_series():
 
 def test_feedback_has_the_extremes_of_all_epochs_and_not_of_the_shown_ones():
     rows = [
-        *curve("a", [2.0, 9.0, 1.0, 4.0]),
-        *curve("a", [5.0, 3.0, 4.0, 8.0], "progress/x"),
+        *curve("a", [9.0, 2.0, 1.0, 4.0]),
+        *curve("a", [5.0, 3.0, 8.0, 4.0], "progress/x"),
         *curve("a", [7.0] * 4, "bonus"),
     ]
-    # fitness: epochs 2 and 4 are shown; highest 9, lowest 1, mean 16/4 = 4
+    # epochs 2 and 4 are shown; fitness: highest 9, lowest 1, mean 16 / 4
     found = feedback_rows(rows[::-1], "a", 2)
     assert [(r["series"], r["epoch"], r["value"], r["maximum"], r["mean"], r["minimum"]) for r in found] == [
-        ("fitness", 2, 9.0, 9.0, 4.0, 1.0),
+        ("fitness", 2, 2.0, 9.0, 4.0, 1.0),
         ("fitness", 4, 4.0, 9.0, 4.0, 1.0),
         ("progress/x", 2, 3.0, 8.0, 5.0, 3.0),
-        ("progress/x", 4, 8.0, 8.0, 5.0, 3.0),
+        ("progress/x", 4, 4.0, 8.0, 5.0, 3.0),
     ]
 
 
@@ -200,6 +204,15 @@ def test_the_best_so_far_stays_unless_its_mts_is_exceeded(params, mts, is_new):
     assert found.feedback == (feedback_rows(curves, "new", 2) if is_new else told)
     latest = changed(params, fuse={"incumbent": "latest"})
     assert incumbent(rows, curves, [earlier], told, latest).is_new
+
+
+# The search of alpha.
+
+
+def test_an_improvement_that_is_certain_is_what_it_is_and_never_below_zero():
+    assert (_mean_excess(0.3, 0.0), _mean_excess(-0.3, 0.0)) == (0.3, 0.0)
+    # mean 1, deviation 2: Phi(0.5) + 2 phi(0.5) = 0.691462 + 2 x 0.352065
+    assert _mean_excess(1.0, 2.0) == pytest.approx(1.395592, abs=1e-5)
 
 
 # Lengths and the schedule.
@@ -397,6 +410,18 @@ def test_mutants_are_of_the_best_survivor_and_beta_may_reach_the_scale(params, s
     assert "0.8" in text
 
 
+def test_the_question_shows_the_recent_epochs_at_the_points_asked_for(params, root):
+    few = changed(params, mutate={"window": 4, "points": 2, "mutants": 3})
+    record = [Series("fitness", tuple(range(1, 9)), tuple(1000.0 + epoch for epoch in range(1, 9)))]
+    survivor = candidate("b", beta=1.7, alpha=0.4)
+    [system, task] = questions_text("alpha", survivor, record, "hover", few, root / "prompts")
+    # the last four of eight epochs, in two points: 6 and 8
+    assert [epoch for epoch in range(1, 9) if f"{1000 + epoch}" in task.content] == [6, 8]
+    assert "0.4" in task.content
+    assert "1.7" not in task.content
+    assert (system.role, task.role) == ("system", "user")
+
+
 def test_alpha_is_held_at_one_and_its_mutants_start_from_their_own_fusion(params, start, root, monkeypatch):
     scripted(monkeypatch, "[0.25, 1.0]")
     # b has alpha 0.4; inertia 1: 0.25 - 0.15 = 0.1, and 1 + 0.6, held at 1
@@ -465,6 +490,11 @@ def test_a_bred_candidate_names_its_parents_and_operator(params):
 
 
 # Islands from iteration to iteration.
+
+
+def test_a_higher_temperature_makes_the_draws_more_alike():
+    # exp(1 / 2) : exp(3 / 2) = 1 : e
+    assert softmax([1.0, 3.0], 2.0) == pytest.approx([1 / (1 + math.e), math.e / (1 + math.e)])
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import math
 import pytest
 import torch
 
-from porse.tasks import TASKS, make_task
+from porse.tasks import TASKS, make_task, shadow
 from porse.tasks.free_hands import FreeHandTask
 from porse.tasks.hands import TwoHandTask
 from porse.tasks.success import SuccessTask
@@ -74,6 +74,9 @@ def test_a_reset_clears_what_belongs_to_the_episode_and_leaves_the_others(name, 
         fresh.successes = torch.tensor([1.0, 2.0, 3.0])
     forces = [n for n in ("dof_force_tensor", "vec_sensor_tensor", "torques", "_touch") if hasattr(fresh, n)]
     fresh._diverged = torch.tensor([False, True, False])
+    if name == "ReOrientation":
+        forces.append("_hit")
+        fresh._hit = torch.tensor([False, True, True])
     before = {n: getattr(fresh, n).clone() for n in ("actions", "progress", *forces)}
     assert all(bool(value[1].any()) for n, value in before.items() if n != "_touch"), "nothing to clear"
     fresh.reset(torch.tensor([False, True, False]))
@@ -218,6 +221,53 @@ def test_an_action_is_a_joint_target_between_the_limits_of_its_own_joint(name, f
     assert float(ctrl[model.actuator("right/A_WRJ1").id]) == pytest.approx(-0.01725, abs=1e-6)
     assert float(ctrl[model.actuator("left/A_THJ0").id]) == pytest.approx(-1.17825, abs=1e-6)
     assert float(ctrl[model.actuator("left/A_FFJ2").id]) == pytest.approx(0.7855, abs=1e-6)
+
+
+# Starts of two-hand tasks.
+
+NOISY = {"Over", "CatchUnderarm", "TwoCatchUnderarm", "ReOrientation"}
+"""Tasks whose hands start with other joint angles in every episode."""
+
+
+@each(*[name for name in NAMES if issubclass(TASKS[name], TwoHandTask)])
+def test_both_hands_start_with_the_same_joints_and_are_told_to_stay_there(name, fresh):
+    right, left = fresh.shadow_hand_dof_pos, fresh.shadow_hand_another_dof_pos
+    assert torch.equal(right, left)
+    lower, upper = torch.tensor(shadow.RANGES).unbind(dim=1)
+    assert bool(((lower <= right) & (right <= upper)).all())
+    assert bool((right[0] != right[1]).any()) is (name in NOISY)
+    if name in NOISY:
+        # 0.2 (lower + (upper - lower) u), u in [-1, 1): from 0.2 (2 lower - upper) to 0.2 upper
+        assert bool((right <= 0.2 * upper + 1e-6).all())
+        assert bool((right >= torch.maximum(0.2 * (2.0 * lower - upper), lower) - 1e-6).all())
+    model, joints = fresh._physics.model, [shadow.JOINTS.index(joint) for joint in shadow.ACTUATED]
+    for side in ("right", "left"):
+        controls = [model.actuator(f"{side}/A_{joint}").id for joint in shadow.ACTUATED]
+        torch.testing.assert_close(fresh._physics.ctrl[:, controls].float(), right[:, joints])
+
+
+@each("TwoCatchUnderarm", "ReOrientation")
+def test_two_objects_start_alike_turned_and_their_goals_alike_in_another_way(name, fresh):
+    torch.testing.assert_close(fresh.object_rot, fresh.object_another_rot, atol=1e-6, rtol=0.0)
+    torch.testing.assert_close(fresh.goal_rot, fresh.goal_another_rot, atol=1e-6, rtol=0.0)
+    assert float((fresh.object_rot - fresh.goal_rot).abs().max(dim=1).values.min()) > 1e-3
+    starts, goals = {
+        "TwoCatchUnderarm": (((0.0, -0.39, 0.54), (0.0, -0.78, 0.54)), ((0.0, -0.79, 0.54), (0.0, -0.38, 0.54))),
+        "ReOrientation": (((0.0, -0.39, 0.6), (0.0, -0.76, 0.6)), ((0.0, -0.39, 0.56), (0.0, -0.76, 0.56))),
+    }[name]
+    for word, start, goal in zip(("", "_another"), starts, goals, strict=True):
+        off = (getattr(fresh, f"object{word}_pos") - torch.tensor(start)).abs()
+        assert 0.001 < float(off.max()) <= 0.01 + 1e-6
+        torch.testing.assert_close(getattr(fresh, f"goal{word}_pos"), torch.tensor(goal).expand(ENVS, 3))
+
+
+@each("Over")
+def test_a_random_turn_is_about_x_after_one_about_y(name, fresh, monkeypatch):
+    angles = torch.tensor([[0.6, -1.0]])
+    monkeypatch.setattr(fresh, "_uniform", lambda low, high, *shape: angles)
+    # (sin 0.3, 0, 0, cos 0.3) times (0, -sin 0.5, 0, cos 0.5)
+    sx, cx, sy, cy = math.sin(0.3), math.cos(0.3), -math.sin(0.5), math.cos(0.5)
+    assert fresh.random_rotations(1)[0].tolist() == pytest.approx([sx * cy, cx * sy, sx * sy, cx * cy], abs=1e-6)
 
 
 # Rewards and ends of two-hand tasks, from measurements written here.
