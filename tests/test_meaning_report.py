@@ -1,0 +1,299 @@
+"""What a run's figures mean, and what the methods and ablations change, by pencil."""
+
+import dataclasses
+import json
+
+import pytest
+import yaml
+
+from meaning_cases import changed, row_of
+from porse import tables
+from porse.config import parse_params
+from porse.methods import ABLATIONS, METHODS
+from porse.report.figures import (
+    area_under_curve,
+    chain_fitness,
+    epochs_to,
+    evaluation_figures,
+    human_normalised_score,
+    task_score,
+)
+from porse.report.learning import learning_row
+from porse.report.markdown import results_table
+from porse.report.run import Run
+from porse.report.summary import iteration_rows, metrics, write_summary
+from porse.search.schedule import mutants, varied
+from tiny import committed_params
+
+
+def curve(iteration, rung, name, values, first=1, series="fitness"):
+    return [
+        {"iteration": iteration, "rung": rung, "candidate_id": name, "series": series, "epoch": e, "value": v}
+        for e, v in enumerate(values, first)
+    ]
+
+
+def run_of(**parts):
+    names = [field.name for field in dataclasses.fields(Run)]
+    return Run(**{name: parts.get(name, []) for name in names})
+
+
+# Figures.
+
+
+def test_the_human_normalised_score_is_zero_at_sparse_one_at_human_and_keeps_its_sign():
+    # (-0.5 - -1.25) / (-0.25 - -1.25) = 0.75
+    assert human_normalised_score(-0.5, -0.25, -1.25) == 0.75
+    assert human_normalised_score(-1.25, -0.25, -1.25) == 0.0
+    assert human_normalised_score(-0.25, -0.25, -1.25) == 1.0
+    # worse than sparse, and a human reward that is worse than sparse
+    assert human_normalised_score(1.0, 4.0, 2.0) == -0.5
+    assert human_normalised_score(3.0, 1.0, 2.0) == -1.0
+
+
+def test_a_tasks_score_is_by_the_references_of_that_task(params):
+    document = committed_params()
+    document["summarise"]["references"] = {"Over": {"human": 9.0, "sparse": 1.0}, "Pen": {"human": 5.0, "sparse": 3.0}}
+    for task, expected in (("Over", 0.5), ("Pen", 1.0), ("Kettle", None)):
+        assert task_score(5.0, parse_params({**document, "task": task}, "params.yaml")) == expected
+
+
+def test_epochs_are_spent_in_the_order_of_the_schedule(params):
+    # 1: a1 b1 a2 b2 of rung 1; 5: m1 of the mutants; 6: a3 of rung 4, which comes after them; 7: the next iteration's
+    rows = [
+        *curve(2, "1", "a", [5.0]),
+        *curve(1, "4", "a", [4.0], first=3),
+        *curve(1, "mutants", "m", [3.0]),
+        *curve(1, "1", "b", [0.0, 2.0]),
+        *curve(1, "1", "a", [0.5, 1.0]),
+        *curve(1, "1", "a", [99.0], series="goal"),
+    ]
+    reached = [epochs_to(threshold, run_of(curves=rows), params) for threshold in (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1)]
+    assert reached == [1, 3, 4, 5, 6, 7, None]
+
+
+def test_the_area_is_the_mean_over_the_chains_epochs_in_order():
+    rows = [*curve(1, "1", "a", [4.0], first=2), *curve(1, "1", "a", [1.0]), *curve(2, "1", "b", [10.0])]
+    rows += [*curve(1, "1", "b", [77.0]), *curve(2, "1", "a", [88.0]), *curve(1, "1", "a", [55.0], series="reward")]
+    links = [{"iteration": 1, "candidate_id": "a"}, {"iteration": 2, "candidate_id": "b"}]
+    assert chain_fitness(rows, links) == [(links[0], 1.0), (links[0], 4.0), (links[1], 10.0)]
+    assert area_under_curve([1.0, 4.0, 10.0]) == 5.0
+
+
+def test_the_spread_over_seeds_is_that_of_a_sample():
+    values = {3: [2.0, 0.0], 1: [-4.0, -6.0], 2: [5.0, 4.0]}
+    rows = [{"seed": seed, "fitness": value} for seed, series in values.items() for value in series]
+    # MTS -4, 5, 2: mean 1, (25 + 16 + 1) / 2 = 21
+    expected = {"seeds": 3, "mts_mean": 1.0, "mts_std": pytest.approx(21**0.5)}
+    assert part(evaluation_figures(rows), expected) == expected
+
+
+# A whole run: two iterations, the last of them worse than the first.
+
+
+def candidate(iteration, slot, name, **changes):
+    values = {"iteration": iteration, "slot": slot, "candidate_id": name, "beta": 1.0, "alpha": 0.8, "epochs": 2}
+    return row_of(tables.CANDIDATES, **{**values, **changes})
+
+
+def verdict(iteration, slot, attempt, passed):
+    return row_of(
+        tables.VERDICTS, iteration=iteration, kind="reward", slot=slot, attempt=attempt, passed=passed, check="ok"
+    )
+
+
+def reply(iteration, kind, prompt, completion, usd):
+    tokens = {"prompt_tokens": prompt, "completion_tokens": completion}
+    return row_of(tables.REPLIES, iteration=iteration, kind=kind, recorded_usd=usd, **tokens)
+
+
+def survivor(iteration, rung, rank, name, fitness):
+    return row_of(tables.SURVIVORS, iteration=iteration, rung=rung, rank=rank, candidate_id=name, fitness=fitness)
+
+
+def part(found, expected):
+    """Returns the entries of `found` that `expected` has: tables and metrics may gain others."""
+    return {name: found[name] for name in expected}
+
+
+@pytest.fixture
+def whole():
+    return run_of(
+        candidates=[
+            candidate(1, 0, "a", beta=0.7, alpha=0.3),
+            candidate(1, 1, "b", failure="late"),
+            candidate(2, 0, "a", beta=1.6, alpha=0.9),
+            candidate(2, 1, "c"),
+        ],
+        curves=[
+            *curve(1, "1", "a", [1.0, 6.0]), *curve(1, "6", "a", [4.0], first=3), *curve(1, "1", "b", [8.0]),
+            *curve(1, "1", "a", [0.0, 0.0], series="reward"), *curve(2, "1", "a", [5.0, 3.0]), *curve(2, "1", "c", [2.0]),
+        ],
+        survivors=[
+            survivor(1, "1", 0, "b", 9.0), survivor(1, "6", 0, "a", 4.5), survivor(2, "6", 0, "a", 3.5),
+            survivor(2, "6", 1, "c", 3.0),
+        ],
+        verdicts=[verdict(1, 0, 0, True), verdict(1, 1, 0, False), verdict(1, 1, 1, True), verdict(2, 0, 0, False)],
+        replies=[reply(1, "reward", 10, 1, 0.5), reply(1, "beta", 30, 2, 0.25), reply(2, "reward", 5, 4, 0.0)],
+    )  # fmt: skip
+
+
+def test_an_iteration_reports_its_winner_and_the_best_of_all_its_trainings(params, whole):
+    small = changed(params, train={"num_envs": 3, "steps_per_epoch": 7})
+    first, second = iteration_rows(whole, small)
+    expected = {
+        "iteration": 1, "winner_id": "a", "beta": 0.7, "alpha": 0.3,
+        # b reached 8, and the winner 6 on the way to a mean of 4.5 over its last epochs
+        "mts": 8.0, "winner_mts": 6.0, "fitness": 4.5,
+        # three epochs of a and one of b, each of 3 x 7 steps
+        "epochs": 4, "environment_steps": 84, "replies": 3, "valid_replies": 2, "repairs": 1,
+    }  # fmt: skip
+    assert part(first, expected) == expected
+    assert (second["winner_id"], second["beta"], second["alpha"]) == ("a", 1.6, 0.9)
+    assert (second["mts"], second["winner_mts"], second["fitness"], second["epochs"]) == (5.0, 5.0, 3.5, 3)
+
+
+def test_a_runs_metrics_by_pencil(params, whole):
+    chosen = changed(params, train={"num_envs": 3, "steps_per_epoch": 7, "rung_epochs": 2}, generate={"candidates": 4})
+    chosen = changed(chosen, summarise={"thresholds": {"Quadcopter": 6.0}})
+    chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
+    evaluation = [{"seed": 1, "fitness": 2.0}, {"seed": 2, "fitness": 4.0}]
+    found = metrics(whole, iteration_rows(whole, chosen), chain, evaluation, chosen)
+    # references human -0.2714 and sparse -1.1461: (8 + 1.1461) / (-0.2714 + 1.1461)
+    assert found["hns"] == pytest.approx(9.1461 / 0.8747)
+    assert (found["mts"], found["final_fitness"]) == (8.0, 3.5)
+    # a's three epochs, then its two: (1 + 6 + 4 + 5 + 3) / 5
+    assert found["fitness_area"] == pytest.approx(3.8)
+    # in order a1 b1: 1, 8
+    assert found["epochs_to_threshold"] == 2
+    assert (found["evaluation"]["mts_mean"], found["evaluation"]["mts_std"]) == (3.0, pytest.approx(2**0.5))
+    # allowed: 5 iterations x 4 candidates x 6 rungs x 2 epochs
+    assert (found["epochs_spent"], found["epochs_allowed"], found["environment_steps"]) == (7, 240, 147)
+    assert found["failed_candidates"] == 1
+    replies = {
+        "functions": 4, "valid": 2, "valid_share": 0.5, "all": 3, "prompt_tokens": 45, "completion_tokens": 7,
+        "recorded_usd": 0.75,
+    }  # fmt: skip
+    assert part(found["replies"], replies) == replies
+    second = {"mts": 5.0, "fitness": 3.5, "beta": 1.6, "alpha": 0.9}
+    assert part(found["by_iteration"]["2"], second) == second
+
+
+def test_the_plots_show_the_chains_fitness_epoch_by_epoch(params, whole, tmp_path):
+    chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
+    write_summary(whole, chain, [], params, tmp_path / "r", tmp_path / "m.json", tmp_path / "p")
+    assert (tmp_path / "p" / "fitness.csv").read_text().splitlines() == [
+        "epoch,fitness,candidate", "1,1.0,a", "2,6.0,a", "3,4.0,a", "4,5.0,a", "5,3.0,a",
+    ]  # fmt: skip
+    assert (tmp_path / "p" / "iterations.csv").read_text().splitlines()[1] == "1,8.0,6.0,4.5,0.7,0.3"
+    assert json.loads((tmp_path / "m.json").read_text())["mts"] == 8.0
+    assert len(tables.read(tmp_path / "r" / "iterations.parquet", tables.ITERATIONS)) == 2
+
+
+def test_the_table_for_people_counts_iterations_and_does_not_spell_them():
+    by_iteration = {str(n): {"mts": n / 2, "fitness": -n, "beta": 0.25 * n, "alpha": 0.5} for n in (10, 2)}
+    found = results_table(
+        {
+            "by_iteration": by_iteration,
+            "mts": 5.0,
+            "final_fitness": -10.0,
+            "evaluation": {"seeds": 3, "mts_mean": 1.5, "mts_std": 0.25},
+        }
+    ).splitlines()
+    assert found[2:] == [
+        "| 2 | 1.000 | -2.000 | 0.5 | 0.5 |",
+        "| 10 | 5.000 | -10.000 | 2.5 | 0.5 |",
+        "| all | **5.000** | -10.000 | | |",
+        "| 3 further seeds | 1.500 +- 0.250 | | | |",
+    ]
+
+
+def test_learning_compares_the_means_of_the_first_and_the_last_ten_epochs(tmp_path):
+    document = {**committed_params(), "task": "Over"}
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    (tmp_path / "metrics.json").write_text(
+        json.dumps({"epochs_spent": 12, "environment_steps": 480, "mts": 12.34567, "hns": None})
+    )
+    rows = [*curve(1, "1", "a", [float(n) for n in range(1, 13)]), *curve(1, "1", "a", [0.0] * 12, series="goal")]
+    tables.write(tmp_path / "results" / "curves.parquet", tables.CURVES, rows)
+    # 1 to 10: 5.5; 3 to 12: 7.5
+    expected = {
+        "task": "Over", "epochs": 12, "environment_steps": 480, "first": 5.5, "last": 7.5, "mts": 12.3457,
+    }  # fmt: skip
+    assert part(learning_row(tmp_path), expected) == expected
+
+
+# Methods and ablations: what each changes, in full.
+
+
+def resolved(method="porse", ablation="none"):
+    return parse_params({**committed_params(), "method": method, "ablation": ablation}, "params.yaml")
+
+
+def weights(params):
+    """What is paid, and the weights of bonus and goal."""
+    candidate = params.candidate
+    return candidate.bonus, candidate.goal, candidate.beta, candidate.scale - candidate.beta
+
+
+PAID = {
+    "porse": ("mapping", "generated", 1.0, 1.0),
+    "eureka": ("none", "generated", 0.0, 1.0),
+    "roska": ("none", "generated", 0.0, 1.0),
+    "roska-ce": ("simhash", "generated", 1.0, 1.0),
+    "revolve-auto": ("none", "generated", 0.0, 1.0),
+    "llmcount": ("mapping", "sparse", 1.0, 1.0),
+    "simhash": ("simhash", "generated", 1.0, 1.0),
+    "human": ("none", "human", 0.0, 1.0),
+    "sparse": ("none", "sparse", 0.0, 1.0),
+}
+
+SEARCHED = {
+    # who goes on, mutants, what the next iteration starts from, which winner, probes, elites, iterations, length
+    "porse": ("rungs", 5, "fused", "latest", 0, 1, "every", "iteration"),
+    "eureka": ("all", 0, "random", "latest", 0, 0, "every", "iteration"),
+    "roska": ("one", 0, "fused", "best", 14, 0, "every", "iteration"),
+    "roska-ce": ("one", 0, "fused", "best", 14, 0, "every", "iteration"),
+    "revolve-auto": ("all", 0, "random", "latest", 0, 0, "every", "iteration"),
+    "llmcount": ("all", 0, "fused", "latest", 0, 1, "first", "run"),
+    "simhash": ("rungs", 5, "fused", "latest", 0, 1, "every", "iteration"),
+    "human": ("all", 0, "fused", "latest", 0, 0, "first", "iteration"),
+    "sparse": ("all", 0, "fused", "latest", 0, 0, "first", "iteration"),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_pays_and_searches_as_its_paper_says(method):
+    params = resolved(method)
+    assert weights(params) == PAID[method]
+    assert (
+        params.eliminate.keep, params.mutate.mutants, params.fuse.policy, params.fuse.incumbent, params.probe.trainings,
+        params.generate.elites, params.generate.iterations, params.train.length,
+    ) == SEARCHED[method]  # fmt: skip
+    assert params.generate.parents == ("islands" if method == "revolve-auto" else "winner")
+    assert params.exploration.discretiser == ("sum" if method == "llmcount" else "grid")
+
+
+VARIED = {"without-bonus": ["alpha"], "without-fusion": ["beta"], "fixed-beta": ["alpha"], "fixed-alpha": ["beta"]}
+CELLS = {"cells-2000": 2000, "cells-3000": 3000}
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_an_ablation_changes_what_its_name_says(ablation):
+    params = resolved(ablation=ablation)
+    assert params.candidate.goal == ("sparse" if ablation == "without-goal-reward" else "generated")
+    assert params.candidate.bonus == ("none" if ablation == "without-bonus" else "mapping")
+    assert params.candidate.scale == (1.0 if ablation == "weights-sum-to-1" else 2.0)
+    assert params.candidate.beta == {"without-bonus": 0.0, "weights-sum-to-1": 0.5}.get(ablation, 1.0)
+    assert params.fuse.policy == ("random" if ablation == "without-fusion" else "fused")
+    assert list(params.mutate.vary) == VARIED.get(ablation, ["beta", "alpha"])
+    assert params.generate.mappings == ("spliced" if ablation == "spliced-mapping" else "generator")
+    assert params.generate.beyond_goal == (ablation == "beyond-goal")
+    assert params.exploration.cells == CELLS.get(ablation, 1000)
+    assert params.llm.profile == ("gpt-4o-mini" if ablation == "gpt-4o-mini" else "by-hand")
+
+
+def test_what_is_fixed_is_never_varied():
+    for ablation, kinds in (("fixed-beta", {"alpha"}), ("fixed-alpha", {"beta"}), ("without-fusion", {"beta"})):
+        params = resolved(ablation=ablation)
+        assert {varied(params, n) for n in range(1, 6) if mutants(params, n)} == kinds

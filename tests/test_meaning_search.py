@@ -1,0 +1,558 @@
+"""What the search means: every formula, order, bound and seed of `porse.search`, and of the mutants, by pencil.
+
+The numbers are asymmetric on purpose: with beta 1 of 2, or two equal candidates, a swapped pair goes unseen.
+"""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from meaning_cases import changed, named, row_of
+from porse import tables
+from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
+from porse.errors import ParamsError
+from porse.generation import answers
+from porse.generation.candidates import first_pool
+from porse.generation.functions import Function
+from porse.generation.mutants import Swarm, write_starts
+from porse.generation.values import questions_text
+from porse.identity import candidate_id, seed_for
+from porse.llm.request import Reply
+from porse.pool import Pool, policy_file
+from porse.search.bayes import _mean_excess
+from porse.search.breeding import Breeding, Population, bred, plan
+from porse.search.elimination import (
+    Score,
+    how_many_go_on,
+    rank,
+    ranked_pool,
+    score,
+    score_rows,
+    survivor_rows,
+    survivors,
+)
+from porse.search.feedback import Series, feedback_rows, shown_series
+from porse.search.fusion import fuse
+from porse.search.incumbent import incumbent, winner
+from porse.search.islands import softmax
+from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
+from porse.search.lineage import evaluation_seed, lineage
+from porse.search.mutation import mutant, swarm_seed, swarm_step
+from porse.search.schedule import (
+    allowed_epochs,
+    asked_kinds,
+    find_iteration,
+    first_candidates,
+    is_searched,
+    mutants,
+    varied,
+    work,
+)
+
+
+def curve(name, values, series="fitness", first=1):
+    return [
+        {"iteration": 3, "rung": "1", "candidate_id": name, "series": series, "epoch": epoch, "value": value}
+        for epoch, value in enumerate(values, first)
+    ]
+
+
+def candidate(name, slot=0, **changes):
+    values = {
+        "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "reward_key": "rk", "mapping_key": "mk",
+        "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "beta": 0.7, "alpha": 0.3,
+        "policy": "fused", "epochs": 45,
+    }  # fmt: skip
+    return row_of(tables.CANDIDATES, **{**values, **changes})
+
+
+# Names of draws.
+
+
+def test_a_seed_is_the_digest_of_the_runs_seed_and_the_draws_name():
+    # printf 'seed\n[5,"policy",2]' | sha256sum: 66d63914d9424649...; without the last of its 64 bits
+    assert seed_for(5, "policy", 2) == 0x66D63914D9424649 // 2 == named('[5,"policy",2]')
+    assert seed_for(5, "policy", 2) not in {seed_for(2, "policy", 5), seed_for(5, "policy"), seed_for(5, 2, "policy")}
+
+
+def test_draws_of_the_search_are_named_by_run_purpose_and_iteration(params):
+    assert swarm_seed(5, 3) == named('[5,"swarm",3]')
+    assert evaluation_seed(dataclasses.replace(params, seed=5), 2) == named('[5,"evaluate",2]')
+
+
+# Elimination.
+
+
+def test_a_score_looks_at_the_last_epochs_in_the_order_of_epochs():
+    rows = curve("a", [8.0, 1.0, 2.0, 5.0])[::-1]
+    # last three: (1 + 2 + 5) / 3 = 8/3; highest of all four: 8
+    assert score(candidate("a"), rows, 3) == Score("a", 8 / 3, 8.0, failed=False)
+    # a window longer than the training is the whole training: 16 / 4
+    assert score(candidate("a"), rows, 9).fitness == 4.0
+
+
+def test_fitness_comes_before_mts_and_mts_before_the_id():
+    scores = [("bb", 2, 3, False), ("0", 5, 9, True), ("a", 1, 9, False), ("b", 2, 3, False), ("c", 2, 4, False)]
+    ranking = rank([Score(*entry) for entry in scores])
+    assert [entry.candidate_id for entry in ranking] == ["c", "b", "bb", "a", "0"]
+
+
+def test_a_candidate_younger_than_the_oldest_is_out_however_good():
+    rows = [candidate("old", 0, epochs=45), candidate("young", 1, epochs=30), candidate("gone", 2, failure="late")]
+    curves = [*curve("old", [1.0]), *curve("young", [9.0]), *curve("gone", [8.0])]
+    ranking = ranked_pool(rows, curves, 1)
+    assert [(entry.candidate_id, entry.failed) for entry in ranking] == [
+        ("old", False),
+        ("young", True),
+        ("gone", True),
+    ]
+
+
+def test_the_best_go_on_and_the_tables_say_who():
+    ranking = rank([Score("a", 1, 6, False), Score("b", 3, 5, False), Score("c", 2, 4, False)])
+    kept = survivors(ranking, 2, "here")
+    assert [entry.candidate_id for entry in kept] == ["b", "c"]
+    rows = score_rows(ranking, {"b", "c"}, 3, "4")
+    assert [(row["candidate_id"], row["rank"], row["fitness"], row["mts"], row["survives"]) for row in rows] == [
+        ("b", 0, 3, 5, True),
+        ("c", 1, 2, 4, True),
+        ("a", 2, 1, 6, False),
+    ]
+    assert [(row["rank"], row["candidate_id"], row["fitness"]) for row in survivor_rows(kept, 3, "4")] == [
+        (0, "b", 3),
+        (1, "c", 2),
+    ]
+    assert {(row["iteration"], row["rung"], row["failed"]) for row in rows} == {(3, "4", False)}
+
+
+def test_how_many_go_on_is_declared_or_all_or_one(params):
+    for keep, expected in (("rungs", 4), ("all", 7), ("one", 1)):
+        assert how_many_go_on(changed(params, eliminate={"keep": keep}), 4, 7) == expected
+
+
+# Feedback.
+
+
+def test_sampled_epochs_end_each_tenth_of_an_uneven_series():
+    series = Series("fitness", tuple(range(1, 8)), tuple(10.0 * epoch for epoch in range(1, 8)))
+    # 7 epochs in 3 parts end at 7/3 = 2, 14/3 = 4 and 7
+    assert series.sampled(3).epochs == (2, 4, 7)
+    assert series.sampled(3).values == (20.0, 40.0, 70.0)
+    assert series.last(2).values == (60.0, 70.0)
+
+
+def test_feedback_has_the_extremes_of_all_epochs_and_not_of_the_shown_ones():
+    rows = [
+        *curve("a", [9.0, 2.0, 1.0, 4.0]),
+        *curve("a", [5.0, 3.0, 8.0, 4.0], "progress/x"),
+        *curve("a", [7.0] * 4, "bonus"),
+    ]
+    # epochs 2 and 4 are shown; fitness: highest 9, lowest 1, mean 16 / 4
+    found = feedback_rows(rows[::-1], "a", 2)
+    assert [(r["series"], r["epoch"], r["value"], r["maximum"], r["mean"], r["minimum"]) for r in found] == [
+        ("fitness", 2, 2.0, 9.0, 4.0, 1.0),
+        ("fitness", 4, 4.0, 9.0, 4.0, 1.0),
+        ("progress/x", 2, 3.0, 8.0, 5.0, 3.0),
+        ("progress/x", 4, 4.0, 8.0, 5.0, 3.0),
+    ]
+
+
+def test_fitness_is_shown_first_then_the_others_by_name():
+    rows = [*curve("a", [1.0], "progress/a"), *curve("a", [1.0], "component/z"), *curve("a", [1.0])]
+    rows += [*curve("a", [1.0], "terminated"), *curve("a", [1.0], "reward"), *curve("b", [1.0], "component/b")]
+    assert [series.name for series in shown_series(rows, "a")] == ["fitness", "component/z", "progress/a"]
+
+
+# Fusion and the incumbent.
+
+
+def test_fusion_weighs_the_best_by_alpha():
+    best = {"actor.w": np.array([4.0], np.float32), "actor.obs_normalizer._mean": np.array([4.0], np.float32)}
+    random = {"actor.w": np.array([-8.0], np.float32), "actor.obs_normalizer._mean": np.array([-8.0], np.float32)}
+    # 0.25 x 4 + 0.75 x (-8) = -5; statistics are the best one's
+    fused = fuse(best, random, 0.25)
+    assert fused["actor.w"].tolist() == [-5.0]
+    assert fused["actor.obs_normalizer._mean"].tolist() == [4.0]
+
+
+def feedback_of(mts, minimum=0.0):
+    row = {"epoch": 1, "value": mts}
+    return [
+        {**row, "series": "component/a", "maximum": 99.0, "mean": 98.0, "minimum": 97.0},
+        {**row, "series": "fitness", "maximum": mts, "mean": mts - 1.0, "minimum": minimum},
+    ]
+
+
+def test_the_winner_is_the_first_of_the_ranking(params):
+    rows = [candidate("a", 0), candidate("b", 1), candidate("c", 2)]
+    curves = [*curve("a", [9.0, 1.0]), *curve("b", [0.0, 3.0]), *curve("c", [5.0, 2.0])]
+    assert winner(rows, curves, changed(params, eliminate={"window": 1}))["candidate_id"] == "b"
+
+
+@pytest.mark.parametrize(("mts", "is_new"), [(2.9, True), (3.0, False), (3.1, False)])
+def test_the_best_so_far_stays_unless_its_mts_is_exceeded(params, mts, is_new):
+    # the new one reaches 3 on the way and ends at 1
+    best = changed(params, fuse={"incumbent": "best", "points": 2})
+    rows, curves, earlier = [candidate("new")], curve("new", [3.0, 1.0]), candidate("old")
+    told = feedback_of(mts)
+    found = incumbent(rows, curves, [earlier], told, best)
+    assert found.is_new is is_new
+    assert found.row["candidate_id"] == ("new" if is_new else "old")
+    assert found.feedback == (feedback_rows(curves, "new", 2) if is_new else told)
+    latest = changed(params, fuse={"incumbent": "latest"})
+    assert incumbent(rows, curves, [earlier], told, latest).is_new
+
+
+# The search of alpha.
+
+
+def test_an_improvement_that_is_certain_is_what_it_is_and_never_below_zero():
+    assert (_mean_excess(0.3, 0.0), _mean_excess(-0.3, 0.0)) == (0.3, 0.0)
+    # mean 1, deviation 2: Phi(0.5) + 2 phi(0.5) = 0.691462 + 2 x 0.352065
+    assert _mean_excess(1.0, 2.0) == pytest.approx(1.395592, abs=1e-5)
+
+
+# Lengths and the schedule.
+
+
+def test_a_rung_is_longer_by_the_number_of_iterations_where_the_run_is_one_training(params):
+    seven = changed(params, train={"rung_epochs": 7})
+    assert len(params.iterations) == 5
+    assert rung_epochs(seven) == 7
+    assert rung_epochs(changed(seven, train={"length": "run"})) == 35
+
+
+def test_a_probe_is_a_share_of_a_rung_and_at_least_an_epoch(params):
+    # 0.4 of 7 is 2.8, 0.3 of 7 is 2.1, and 0.01 of 7 is next to nothing
+    found = [probe_epochs(changed(params, train={"rung_epochs": 7}, probe={"share": s})) for s in (0.4, 0.3, 0.01)]
+    assert found == [3, 2, 1]
+
+
+def test_alpha_is_searched_from_the_second_iteration_on(params):
+    searching = changed(params, probe={"trainings": 1})
+    assert [alpha_is_searched(searching, n) for n in (1, 2, 3)] == [False, True, True]
+    assert not alpha_is_searched(changed(params, probe={"trainings": 0}), 2)
+
+
+def test_what_mutants_vary_goes_round_from_the_first_entry(params):
+    cycle = changed(params, mutate={"vary": ["beta", "alpha", "alpha"]})
+    assert [varied(cycle, n) for n in range(1, 8)] == ["beta", "alpha", "alpha", "beta", "alpha", "alpha", "beta"]
+
+
+def test_there_are_no_mutants_of_alpha_where_there_is_nothing_to_fuse(params):
+    four = changed(params, mutate={"mutants": 4, "vary": ["alpha", "beta"]})
+    assert [mutants(four, n) for n in (1, 2, 3)] == [0, 4, 4]
+    from_scratch = changed(four, fuse={"policy": "random"})
+    assert [mutants(from_scratch, n) for n in (1, 2, 3)] == [0, 4, 0]
+
+
+def test_a_candidate_is_made_of_what_is_generated(params):
+    def with_candidate(**values):
+        return changed(params, candidate=values, generate={"candidates": 4})
+
+    kinds = {
+        ("generated", "mapping"): ("reward", "mapping"),
+        ("generated", "none"): ("reward",),
+        ("generated", "simhash"): ("reward",),
+        ("sparse", "mapping"): ("mapping",),
+        ("human", "none"): (),
+    }
+    for (goal, bonus), expected in kinds.items():
+        chosen = with_candidate(goal=goal, bonus=bonus)
+        assert asked_kinds(chosen) == expected
+        assert first_candidates(chosen) == (4 if expected else 1)
+
+
+def test_only_the_first_iteration_has_candidates_where_functions_are_asked_for_once(params):
+    once = changed(params, generate={"iterations": "first"})
+    assert [is_searched(once, n) for n in (1, 2, 5)] == [True, False, False]
+    assert [is_searched(params, n) for n in (1, 2, 5)] == [True, True, True]
+
+
+def test_the_cost_of_an_uneven_schedule_by_pencil(params):
+    # 5 candidates, rungs of 7 epochs, 3 mutants: 5, then 5, then 4 candidates, 3 mutants x 3 rungs, 3, 2, 1.
+    uneven = changed(params, train={"rung_epochs": 7}, generate={"candidates": 5}, mutate={"mutants": 3})
+    keeps = {"1": 5, "2": 4, "3": 4}
+    rungs = [dataclasses.replace(rung, keep=keeps.get(str(rung.rung), rung.keep)) for rung in params.rungs]
+    uneven = dataclasses.replace(uneven, rungs=rungs)
+    assert [(cost.rung, cost.candidates, cost.epochs) for cost in work(uneven, 1)] == [
+        ("1", 5, 35), ("2", 5, 35), ("3", 4, 28), ("mutants", 3, 63), ("4", 3, 21), ("5", 2, 14), ("6", 1, 7),
+    ]  # fmt: skip
+    # allowed: 5 iterations x 5 candidates x 6 rungs x 7 epochs
+    assert allowed_epochs(uneven) == 1050
+
+
+def test_probes_cost_their_own_epochs_beside_the_rung(params):
+    # 5 probes of round(0.4 x 7) = 3 epochs for 2 candidates; the best goes on: 2 (7 + 4 x 3) = 38
+    roska = changed(
+        params,
+        train={"rung_epochs": 7},
+        generate={"candidates": 2},
+        probe={"trainings": 5, "share": 0.4},
+        eliminate={"keep": "one"},
+        mutate={"mutants": 0},
+    )
+    assert [cost.epochs for cost in work(roska, 2)] == [38, 7, 7, 0, 7, 7, 7]
+    assert [cost.epochs for cost in work(roska, 1)] == [14, 7, 7, 0, 7, 7, 7]
+
+
+def test_an_iteration_is_found_by_its_number(params):
+    assert (find_iteration(params.iterations, 2).next, find_iteration(params.iterations, 5).next) == (3, "result")
+    with pytest.raises(ParamsError, match="found 6"):
+        find_iteration(params.iterations, 6)
+
+
+# The lineage.
+
+
+def test_a_candidate_that_wins_again_in_a_later_iteration_is_another_link(params):
+    rows = [candidate("a", iteration=1), candidate("b", iteration=2), candidate("a", iteration=3)]
+    assert lineage(rows, [0.1, 0.9, 0.2], params) == rows
+    stays = [candidate("a", iteration=1), candidate("a", iteration=1), candidate("c", iteration=3)]
+    assert lineage(stays, [0.1, 0.1, 0.2], params) == [stays[0], stays[2]]
+
+
+def test_from_scratch_the_lineage_is_the_one_of_highest_mts_and_the_first_of_equals(params):
+    scratch = changed(params, fuse={"policy": "random"})
+    rows = [candidate(name, iteration=n) for n, name in enumerate("abc", 1)]
+    assert lineage(rows, [-3.0, -1.0, -2.0], scratch) == [rows[1]]
+    assert lineage(rows, [-3.0, -1.0, -1.0], scratch) == [rows[1]]
+
+
+# Mutation.
+
+
+def test_the_swarm_step_is_drawn_toward_the_survivor_and_the_memory_by_their_own_weights(params):
+    draws = np.random.default_rng(11).random((2, 2)).tolist()
+    for social, cognitive in ((2.0, 0.0), (0.0, 3.0)):
+        weights = dataclasses.replace(params.mutate, inertia=0.0, social=social, cognitive=cognitive)
+        found = swarm_step([0.2, 0.6], 0.9, 0.1, (-9.0, 9.0), weights, 11)
+        # cognitive: r1 toward the previous winner's 0.1; social: r2 toward the survivor's 0.9
+        expected = [
+            x + (cognitive * r1 * (0.1 - x) if cognitive else social * r2 * (0.9 - x))
+            for x, (r1, r2) in zip([0.2, 0.6], draws, strict=True)
+        ]
+        assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_inertia_goes_on_away_from_the_survivor_and_bounds_hold(params):
+    weights = dataclasses.replace(params.mutate, inertia=0.5, social=0.0, cognitive=0.0)
+    # v = x - 0.7: 0.3 - 0.2 = 0.1; 1.1 + 0.2 = 1.3; 0.1 - 0.3 = -0.2 -> 0; 1.3 + 0.3 = 1.6 -> 1.5
+    assert swarm_step([0.3, 1.1, 0.1, 1.3], 0.7, 5.0, (0.0, 1.5), weights, 1) == [0.1, 1.3, 0.0, 1.5]
+    # six decimals are kept
+    still = dataclasses.replace(params.mutate, inertia=0.0, social=0.0, cognitive=0.0)
+    assert swarm_step([0.12345649], 0.7, 5.0, (0.0, 1.5), still, 1) == [0.123456]
+
+
+def test_a_mutant_of_beta_keeps_alpha_and_one_of_alpha_keeps_beta():
+    parent = candidate("p", 2, beta=0.7, alpha=0.3, failure="none yet")
+    for kind, value, weights in (("beta", 1.6, (1.6, 0.3)), ("alpha", 0.9, (0.7, 0.9))):
+        child = mutant("T", parent, kind, value, 8, "stem")
+        assert (child["beta"], child["alpha"]) == weights
+        assert child["candidate_id"] == candidate_id("T", "reward p", "mapping p", *weights)
+        assert (child["slot"], child["policy"], child["epochs"], child["failure"]) == (8, "stem", 0, "")
+        assert (child["parent_id"], child["origin"], child["iteration"]) == ("p", "mutant", 3)
+
+
+def scripted(monkeypatch, text):
+    """A model that always answers with this text, and the questions that it was asked."""
+    asked = []
+
+    def ask(questions, llm, cache):
+        asked.extend(questions)
+        return [Reply("key", text, "stop", 0, 0, "test", 0.0) for _ in questions]
+
+    monkeypatch.setattr(answers, "ask", ask)
+    return asked
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Where an iteration started from: theta_best is 4, theta_random -8, theta_f 1; the winner before had 0.2 and 0.1."""
+    for stem, weight in (("best", 4.0), ("random", -8.0), ("fused", 1.0)):
+        arrays = {"actor.w": np.full((1,), weight, np.float32)}
+        write_checkpoint(policy_file(tmp_path, stem), policy_checkpoint(arrays))
+    before = candidate("before", iteration=2, beta=0.2, alpha=0.1)
+    tables.write(tmp_path / "winner.parquet", tables.CANDIDATES, [before])
+    return tmp_path
+
+
+def survivors_pool(folder):
+    """Three survivors: b is the best, a the worst."""
+    rows = [candidate(name, slot, beta=0.7 + slot, alpha=0.3 + slot / 10) for slot, name in enumerate("abc")]
+    return Pool(folder, rows, [*curve("a", [1.0, 1.0]), *curve("b", [0.0, 3.0]), *curve("c", [2.0, 2.0])])
+
+
+def swarm(params, start, root, iteration, **mutate):
+    few = changed(params, mutate={"mutants": 2, **mutate}, eliminate={"window": 1}, candidate={"scale": 2.5})
+    return Swarm.propose(survivors_pool(start), start, few, iteration, root / "prompts", start)
+
+
+def test_mutants_are_of_the_best_survivor_and_beta_may_reach_the_scale(params, start, root, monkeypatch):
+    asked = scripted(monkeypatch, json.dumps([{"goal": 0.0, "bonus": 1.0}, {"goal": 4.0, "bonus": 1.0}]))
+    found = swarm(params, start, root, 3)
+    # scale 2.5: all bonus is beta 2.5, one part of five is 0.5
+    assert [(row["beta"], row["alpha"], row["parent_id"]) for row in found.mutants] == [
+        (2.5, 0.4, "b"),
+        (0.5, 0.4, "b"),
+    ]
+    assert [(row["slot"], row["policy"]) for row in found.mutants] == [(6, "fused"), (7, "fused")]
+    assert [(row["index"], row["varied"], row["proposed"], row["value"]) for row in found.rows] == [
+        (0, "beta", 2.5, 2.5),
+        (1, "beta", 0.5, 0.5),
+    ]
+    # b has beta 1.7 of 2.5: the question says so, the goal's 0.8 beside it
+    text = asked[0].request.messages[1].content
+    assert "1.7" in text
+    assert "0.8" in text
+
+
+def test_the_question_shows_the_recent_epochs_at_the_points_asked_for(params, root):
+    few = changed(params, mutate={"window": 4, "points": 2, "mutants": 3})
+    record = [Series("fitness", tuple(range(1, 9)), tuple(1000.0 + epoch for epoch in range(1, 9)))]
+    survivor = candidate("b", beta=1.7, alpha=0.4)
+    [system, task] = questions_text("alpha", survivor, record, "hover", few, root / "prompts")
+    # the last four of eight epochs, in two points: 6 and 8
+    assert [epoch for epoch in range(1, 9) if f"{1000 + epoch}" in task.content] == [6, 8]
+    assert "0.4" in task.content
+    assert "1.7" not in task.content
+    assert (system.role, task.role) == ("system", "user")
+
+
+def test_alpha_is_held_at_one_and_its_mutants_start_from_their_own_fusion(params, start, root, monkeypatch):
+    scripted(monkeypatch, "[0.25, 1.0]")
+    # b has alpha 0.4; inertia 1: 0.25 - 0.15 = 0.1, and 1 + 0.6, held at 1
+    found = swarm(params, start, root, 2, inertia=1.0)
+    assert [(row["beta"], row["alpha"], row["policy"]) for row in found.mutants] == [
+        (1.7, 0.1, "alpha-0.100000"),
+        (1.7, 1.0, "alpha-1.000000"),
+    ]
+    write_starts(found.mutants, start, lambda stem: start / f"{stem}.out")
+    # 0.1 x 4 + 0.9 x (-8) = -6.8; all of theta_best is 4
+    assert read_checkpoint(start / "alpha-0.100000.out").arrays["actor.w"].tolist() == pytest.approx([-6.8])
+    assert read_checkpoint(start / "alpha-1.000000.out").arrays["actor.w"].tolist() == [4.0]
+
+
+def test_mutants_of_beta_start_from_the_default_fusion(params, start, root, monkeypatch):
+    scripted(monkeypatch, json.dumps([{"goal": 3.0, "bonus": 1.0}, {"goal": 4.0, "bonus": 1.0}]))
+    write_starts(swarm(params, start, root, 3).mutants, start, lambda stem: start / f"{stem}.out")
+    assert read_checkpoint(start / "fused.out").arrays["actor.w"].tolist() == [1.0]
+
+
+def test_the_memory_is_the_previous_winners_value_of_what_is_varied(params, start, root, monkeypatch):
+    scripted(monkeypatch, "[0.5, 0.5]")
+    found = swarm(params, start, root, 2, cognitive=1.0)
+    draws = np.random.default_rng(swarm_seed(params.seed, 2)).random((2, 2)).tolist()
+    # toward alpha 0.1 of the winner before, whose beta is 0.2
+    expected = [0.5 + r1 * (0.1 - 0.5) for r1, _ in draws]
+    assert [row["alpha"] for row in found.mutants] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_mutant_that_is_in_the_pool_already_is_no_mutant(params, start, root, monkeypatch):
+    # b itself has alpha 0.4
+    scripted(monkeypatch, "[0.4, 0.6]")
+    few = changed(params, mutate={"mutants": 2}, eliminate={"window": 1})
+    pool = survivors_pool(start)
+    pool.candidates[1]["candidate_id"] = candidate_id(params.task, "reward b", "mapping b", 1.7, 0.4)
+    curves = [{**row, "candidate_id": row["candidate_id"].replace("b", pool.candidates[1]["candidate_id"])} for row in pool.curves]  # fmt: skip
+    found = Swarm.propose(Pool(start, pool.candidates, curves), start, few, 2, root / "prompts", start)
+    assert [(row["alpha"], row["slot"]) for row in found.mutants] == [(0.6, 7)]
+
+
+# The first pool.
+
+
+def test_pairs_are_of_one_slot_and_the_elites_fill_the_last_ones(params):
+    three = changed(params, generate={"candidates": 3, "elites": 1}, candidate={"beta": 0.7, "alpha": 0.3})
+    functions = [Function(kind, slot, f"{kind[0]}k{slot}", f"{kind} {slot}") for kind in ("mapping", "reward") for slot in (1, 0)]  # fmt: skip
+    before = candidate("w", iteration=2, beta=1.9, alpha=0.9)
+    rows = first_pool(functions, before, {}, three, 3)
+    assert [(r["slot"], r["origin"], r["parent_id"], r["reward_source"], r["mapping_source"]) for r in rows] == [
+        (0, "new", "", "reward 0", "mapping 0"),
+        (1, "new", "", "reward 1", "mapping 1"),
+        (2, "elite", "w", "reward w", "mapping w"),
+    ]
+    assert [(r["reward_key"], r["mapping_key"]) for r in rows] == [("rk0", "mk0"), ("rk1", "mk1"), ("rk", "mk")]
+    # everybody, the elite too, begins with the default weights
+    assert {(r["beta"], r["alpha"], r["policy"], r["epochs"], r["iteration"]) for r in rows} == {(0.7, 0.3, "fused", 0, 3)}  # fmt: skip
+    assert rows[0]["candidate_id"] == candidate_id(params.task, "reward 0", "mapping 0", 0.7, 0.3)
+
+
+def test_a_bred_candidate_names_its_parents_and_operator(params):
+    two = changed(params, generate={"candidates": 2, "elites": 0})
+    functions = [Function("reward", slot, "k", f"reward {slot}") for slot in (0, 1)]
+    bred_from = {0: Breeding(0, 1, "crossover", ("x", "y")), 1: Breeding(1, 0, "mutation", ("z",))}
+    rows = first_pool(functions, None, bred_from, two, 2)
+    assert [(row["origin"], row["parent_id"]) for row in rows] == [("crossover", "x+y"), ("mutation", "z")]
+
+
+# Islands from iteration to iteration.
+
+
+def test_a_higher_temperature_makes_the_draws_more_alike():
+    # exp(1 / 2) : exp(3 / 2) = 1 : e
+    assert softmax([1.0, 3.0], 2.0) == pytest.approx([1 / (1 + math.e), math.e / (1 + math.e)])
+
+
+@pytest.fixture(scope="module")
+def revolve(params):
+    return changed(
+        params,
+        generate={"parents": "islands", "candidates": 6, "elites": 0},
+        islands={"count": 3, "size": 2, "migration": 0.0, "crossover": 0.5},
+    )
+
+
+def member(island, name, fitness):
+    return {"island": island, "candidate_id": name, "fitness": fitness, "reward_source": f"reward {name}"}
+
+
+def test_every_slot_and_iteration_and_run_breeds_by_draws_of_its_own(revolve):
+    members = [member(island, f"{island}{n}", 0.0) for island in range(3) for n in range(3)]
+    plans = [plan(members, revolve, 2), plan(members, revolve, 3), plan(members, dataclasses.replace(revolve, seed=9), 2)]  # fmt: skip
+    whole = [tuple((b.island, b.operator, b.parents) for b in breedings) for breedings in plans]
+    assert len(set(whole)) == 3
+    assert all(len({(b.island, b.operator, b.parents) for b in breedings}) > 1 for breedings in plans)
+
+
+def test_a_breeding_with_two_parents_is_a_crossover_and_happens_as_often_as_configured(revolve):
+    members = [member(0, name, 0.0) for name in "abcd"]
+    for crossover, operators in ((1.0, {"crossover"}), (0.0, {"mutation"})):
+        planned = plan(members, changed(revolve, islands={"crossover": crossover}), 2)
+        assert {breeding.operator for breeding in planned} == operators
+        assert {len(breeding.parents) for breeding in planned} == ({2} if operators == {"crossover"} else {1})
+    often = plan(members, changed(revolve, islands={"crossover": 0.8}, generate={"candidates": 400}), 2)
+    assert sum(breeding.operator == "crossover" for breeding in often) / 400 == pytest.approx(0.8, abs=0.06)
+
+
+def test_a_population_keeps_who_was_there_and_tells_of_each_member_what_was_seen(revolve):
+    slots = {breeding.slot: breeding.island for breeding in plan([], revolve, 1)}
+    before = Population([member(slots[0], "old", 2.0)], [{"candidate_id": "old", **row} for row in feedback_of(2.0)])
+    again = {breeding.slot: breeding.island for breeding in plan(before.members, revolve, 2)}
+    rows = [candidate("new", 1), candidate("bad", 2, failure="late"), candidate("mutant", 17)]
+    curves = [*curve("new", [7.0, 5.0]), *curve("bad", [9.0]), *curve("mutant", [9.0])]
+    after = bred(before, rows, curves, revolve, 2)
+    # one that failed and one without a slot of its own stay out; the new one enters with its highest fitness, 7
+    assert {row["candidate_id"]: (row["island"], row["fitness"]) for row in after.members} == {
+        "old": (slots[0], 2.0),
+        "new": (again[1], 7.0),
+    }
+    assert {row["candidate_id"]: row["reward_source"] for row in after.members} == {"old": "reward old", "new": "reward new"}  # fmt: skip
+    assert [row["maximum"] for row in after.feedback if row["candidate_id"] == "new"] == [7.0, 7.0]
+
+
+def test_members_migrate_by_the_runs_own_draws(revolve):
+    moving = changed(revolve, islands={"migration": 0.5, "size": 4})
+    members = [member(island, f"{island}{n}", float(island)) for island in range(3) for n in range(4)]
+    told = [{"candidate_id": row["candidate_id"], **point} for row in members for point in feedback_of(row["fitness"])]
+    outcomes = {
+        seed: len(bred(Population(members, told), [], [], dataclasses.replace(moving, seed=seed), 2).members)
+        for seed in range(40)
+    }
+    # a migration costs the weaker island all but its best; the one it gains is lost to another: 12 - 3
+    assert set(outcomes.values()) == {12, 9}
+    over_time = {len(bred(Population(members, told), [], [], moving, n).members) for n in range(2, 14)}
+    assert over_time == {12, 9}
