@@ -16,7 +16,7 @@ from porse.pool import policy_file, read_pool, write_pool
 from porse.search.elimination import rank, score
 from porse.training.candidate import train_candidate
 from porse.training.job import Job
-from porse.training.population import WORKERS_VARIABLE, workers
+from porse.training.limits import WORKERS_VARIABLE, workers
 from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
@@ -93,7 +93,7 @@ def test_every_series_is_written_down_at_every_epoch(small, small_start, tmp_pat
 
 def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_nothing(small, small_start, tmp_path):
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", NOT_FINITE), small, lambda *_: None)
-    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late)"
+    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late), in epoch 2"
     assert outcome.rows == []
     assert not (tmp_path / "x.safetensors").exists()
 

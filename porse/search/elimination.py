@@ -17,7 +17,8 @@ class Score:
         candidate_id: whose.
         fitness: mean fitness over the last `window` epochs.
         mts: highest fitness so far.
-        failed: whether its training ended early, or another probe took its place; it ranks behind all others.
+        failed: whether its training ended early, or another probe took its place, or its fitness is no number; it ranks
+            behind all others.
     """
 
     candidate_id: str
@@ -34,7 +35,7 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
         for row in sorted(curves, key=lambda row: row["epoch"])
         if row["candidate_id"] == name and row["series"] == "fitness"
     ]
-    if candidate["failure"] or not fitness:
+    if candidate["failure"] or not fitness or not all(map(math.isfinite, fitness)):
         return Score(name, 0.0, 0.0, failed=True)
     last = fitness[-window:]
     return Score(name, math.fsum(last) / len(last), max(fitness), failed=False)
@@ -49,7 +50,7 @@ def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -
 
 
 def rank(scores: Sequence[Score]) -> list[Score]:
-    """Returns the scores, best first. The order is total: no two candidates have one id."""
+    """Returns the scores, best first. The order is total: fitness is finite, and no two candidates have one id."""
     return sorted(scores, key=lambda s: (s.failed, -s.fitness, -s.mts, s.candidate_id))
 
 
