@@ -202,9 +202,11 @@ def test_only_the_time_limit_counts_as_a_time_out_and_rewards_are_scaled():
 
 def test_a_checkpoint_reads_back_with_its_shapes_and_types(tmp_path):
     arrays = {"task.count": np.array(3), "actor.w": np.ones((2, 3), np.float32), "ppo.g": np.arange(4, dtype=np.uint8)}
-    write_checkpoint(tmp_path / "c.safetensors", Checkpoint(arrays, {"kind": "checkpoint", "epoch": 4}))
+    write_checkpoint(
+        tmp_path / "c.safetensors", Checkpoint(arrays, {"kind": "checkpoint", "epoch": 4, "learning_rate": 0.5})
+    )
     found = read_checkpoint(tmp_path / "c.safetensors")
-    assert found.scalars == {"kind": "checkpoint", "epoch": 4}
+    assert found.scalars == {"kind": "checkpoint", "epoch": 4, "learning_rate": 0.5}
     assert {name: (a.shape, a.dtype) for name, a in found.arrays.items()} == {
         name: (a.shape, a.dtype) for name, a in arrays.items()
     }

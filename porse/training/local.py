@@ -5,6 +5,7 @@ process however that ends, and speaks through two pipes: what it has done, as a 
 end, and what it prints. So the pool goes on whatever becomes of it.
 """
 
+import gc
 import json
 import os
 import select
@@ -46,6 +47,9 @@ class Local:
         """Trains every job once and tells of each epoch and of each end."""
         # Imported before the first fork, and not by every child.
         from porse.training.candidate import train_candidate
+
+        # A child that looked through a million objects for garbage would copy the memory that it shares.
+        gc.freeze()
 
         def train(job: Job, report: Callable[[int, float], None]) -> Outcome:
             return train_candidate(job, params, report)
