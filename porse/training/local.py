@@ -14,6 +14,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -59,7 +60,7 @@ class Local:
         before = time.monotonic()
         try:
             while waiting or running:
-                while waiting and len(running) < self._room(len(waiting) + len(running)):
+                while waiting and len(running) < self.room(len(waiting) + len(running)):
                     running.append(_start(waiting.popleft(), train, self._limits, running))
                 _listen(running, tell)
                 now = time.monotonic()
@@ -75,8 +76,8 @@ class Local:
             for training in running:
                 training.end()
 
-    def _room(self, left: int) -> int:
-        """Returns how many may run when so many are left.
+    def room(self, left: int) -> int:
+        """Returns how many may run at once when so many are left to be done.
 
         Five trainings on two CPUs are three rounds one after the other, and two and a half when the last three share:
         the system gives each its part.
@@ -232,7 +233,10 @@ def _start(job: Job, train: Train, limits: Limits, others: Sequence[_Training]) 
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
-    process = os.fork()
+    with warnings.catch_warnings():
+        # Python 3.12 warns where there are threads. Those of Arrow are idle, and a training does not use it.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process = os.fork()
     if process == 0:
         _train_here(job, train, limits, parent, telling, printing, [news, output, *_ends(others)])
     os.close(telling)
@@ -256,6 +260,8 @@ def _train_here(
         os.dup2(printing, 1)
         os.dup2(printing, 2)
         os.close(printing)
+        # The caller's may lead elsewhere: to a notebook, to a test's record.
+        sys.stdout, sys.stderr = (os.fdopen(end, "w", buffering=1, errors="replace", closefd=False) for end in (1, 2))
         for end in foreign:
             os.close(end)
         limit_memory(limits.memory_mib)
