@@ -237,6 +237,22 @@ def test_the_numeric_profile_must_be_set_before_torch(monkeypatch):
         numerics.apply("portable")
 
 
+def test_a_cpu_without_the_instructions_of_the_profile_is_refused_before_it_traps(monkeypatch, tmp_path):
+    # Of an Ivy Bridge, which has neither AVX2 nor FMA.
+    info = "processor\t: 0\nmodel name\t: Xeon E5-2697 v2\nflags\t\t: fpu sse sse2 ssse3 sse4_1 sse4_2 avx f16c\n"
+    (tmp_path / "cpuinfo").write_text(info * 2)
+    monkeypatch.setattr(numerics, "_CPU_INFO", tmp_path / "cpuinfo")
+    with pytest.raises(ParamsError, match=r"found one without avx2 and fma \(Xeon E5-2697 v2\)"):
+        numerics.apply("portable")
+    (tmp_path / "cpuinfo").write_text(info.replace("f16c", "f16c fma avx2"))
+    numerics.apply("portable")
+    # Another system, or another kind of CPU, lists them otherwise or not at all.
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\nFeatures\t: fp asimd\n")
+    numerics.apply("portable")
+    monkeypatch.setattr(numerics, "_CPU_INFO", tmp_path / "none")
+    numerics.apply("portable")
+
+
 def test_the_manifest_names_what_ran():
     found = numerics.manifest()
     assert found["package torch"].startswith("2.13.0")

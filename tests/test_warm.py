@@ -161,15 +161,15 @@ def processes(ancestor: int) -> set[int]:
     return found
 
 
-def server_process(address: str) -> int:
-    """The process that serves at an address: the one child of this process that is called so."""
-    for process in processes(os.getpid()):
-        command = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
-        if b"porse.warm.server" in command and f"{os.getppid()}" and b"-m" in command:
-            found = Path(f"/proc/{process}/net/unix").read_text()
-            if address in found and Path(f"/proc/{process}/stat").read_text().split()[3] == str(os.getpid()):
-                return process
-    raise AssertionError(f"nobody serves at {address}")
+def server_process() -> int:
+    """The one server that this process has started."""
+    commands = {process: Path(f"/proc/{process}/cmdline").read_bytes() for process in processes(os.getpid())}
+    (found,) = (
+        process
+        for process, command in commands.items()
+        if b"\0porse.warm.server\0" in command and parent_of(process) == os.getpid()
+    )
+    return found
 
 
 def holds(process: int, text: bytes) -> bool:
@@ -196,7 +196,7 @@ def training(project: Path, environment: dict[str, str]) -> subprocess.Popen[str
 
 
 def test_the_server_never_holds_a_key_of_a_stage(project, server):
-    process = server_process(server[VARIABLE])
+    process = server_process()
     caller = training(project, {**server, "OPENAI_API_KEY": KEY})
     wait_until(lambda: len(processes(process)) == 4, 60)
     (stage,) = (child for child in processes(process) if parent_of(child) == process)
@@ -213,7 +213,7 @@ def parent_of(process: int) -> int:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_warm_stage_and_its_trainings_end_with_their_caller(project, server, number):
-    process = server_process(server[VARIABLE])
+    process = server_process()
     caller = training(project, server)
     wait_until(lambda: len(processes(process)) == 4, 60)
     caller.send_signal(number)
@@ -224,7 +224,7 @@ def test_a_warm_stage_and_its_trainings_end_with_their_caller(project, server, n
 
 
 def test_a_warm_stage_that_a_signal_ends_ends_its_caller_with_the_same(project, server):
-    process = server_process(server[VARIABLE])
+    process = server_process()
     caller = training(project, server)
     wait_until(lambda: len(processes(process)) == 4, 60)
     (stage,) = (child for child in processes(process) if parent_of(child) == process)

@@ -42,11 +42,17 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
 
 
 def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -> list[Score]:
-    """Returns the scores of a pool's candidates, best first; those that are not as old as the oldest count as failed."""
+    """Returns the scores of a pool's candidates, best first.
+
+    Those that are not as old as the oldest, probes that another one beat, count as failed, before those that did fail.
+    """
     oldest = max((row["epochs"] for row in candidates), default=0)
-    scores = [score(row, curves, window) for row in candidates]
+    scores = rank([score(row, curves, window) for row in candidates])
     young = {row["candidate_id"] for row in candidates if row["epochs"] < oldest}
-    return rank([replace(entry, failed=entry.failed or entry.candidate_id in young) for entry in scores])
+    alive = [entry for entry in scores if not entry.failed]
+    beaten = [replace(entry, failed=True) for entry in alive if entry.candidate_id in young]
+    failed = [entry for entry in scores if entry.failed]
+    return [*(entry for entry in alive if entry.candidate_id not in young), *beaten, *failed]
 
 
 def rank(scores: Sequence[Score]) -> list[Score]:

@@ -20,7 +20,15 @@ from porse.training.finite import check_policy, finite
 from porse.training.ppo import build_ppo
 from porse.training.reason import reason_of
 from porse.training.reward import Reward
-from porse.training.snapshot import arrays, load_optimizer, load_policy, optimizer_arrays, policy_arrays, tensors
+from porse.training.snapshot import (
+    arrays,
+    load_optimizer,
+    load_policy,
+    optimizer_arrays,
+    policy_arrays,
+    same_names,
+    tensors,
+)
 from porse.training.vecenv import TaskEnv, observation_groups
 
 Progress = Callable[[int, float], None]
@@ -73,8 +81,9 @@ class Trainer:
             return
         try:
             load_optimizer(self._ppo, checkpoint)
-            self._env.task.load_state(tensors(checkpoint, "task"))
-            self._env.reward.load_state(tensors(checkpoint, "reward"))
+            task, reward = self._env.task, self._env.reward
+            task.load_state(same_names(tensors(checkpoint, "task"), task.state()))
+            reward.load_state(same_names(tensors(checkpoint, "reward"), reward.state()))
             torch.set_rng_state(tensors(checkpoint, "ppo")["generator"])
         except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
