@@ -144,6 +144,11 @@ def test_a_stage_starts_cold_where_the_server_has_ended(project, tmp_path):
     assert not Path(environment[VARIABLE]).parent.exists()
 
 
+def test_what_is_no_stage_is_not_handed_over(project, server):
+    (project / "other.py").write_text("import os, stages\nprint(os.getppid())\n")
+    assert ended(start(project, "other", **server))[:2] == (0, f"{os.getpid()}\n")
+
+
 def processes(ancestor: int) -> set[int]:
     """The living processes below one, itself included."""
     parents: dict[int, int] = {}

@@ -42,7 +42,7 @@ def limits_from_environment() -> Limits:
     return Limits(
         workers=count,
         crowd=crowd,
-        memory_mib=_number(MEMORY_VARIABLE, max(1, memory_mib() // crowd)),
+        memory_mib=_number(MEMORY_VARIABLE, max(1, memory_mib() // count)),
         silence_s=_number(SILENCE_VARIABLE, _SILENCE_S),
     )
 

@@ -22,7 +22,8 @@ def hand_over() -> None:
     """
     address = os.environ.pop(VARIABLE, "")
     # sys.argv knows the module only once it runs.
-    if not address or sys.orig_argv[1:2] != ["-m"]:
+    started_as = sys.orig_argv[1:3]
+    if not address or started_as[:1] != ["-m"] or not started_as[-1].startswith("stages."):
         return
     request = {
         "arguments": sys.orig_argv[2:],
@@ -53,7 +54,6 @@ def hand_over() -> None:
         _end(1)
     if int(code) < 0:
         # As the stage ended, so does this process: DVC then sees what it would have seen.
-        signal.signal(-int(code), signal.SIG_DFL) if -int(code) not in (signal.SIGKILL, signal.SIGSTOP) else None
         os.kill(os.getpid(), -int(code))
     _end(int(code))
 
