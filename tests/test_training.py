@@ -118,7 +118,7 @@ def folder_digest(folder: Path) -> list[tuple[str, str]]:
 
 
 def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_candidate(
-    small, small_start, tmp_path, monkeypatch
+    small, small_start, tmp_path, monkeypatch, capsys
 ):
     gentler = REWARD.replace("1.5", "0.5")
     rows = [candidate_row("good", REWARD, 0), candidate_row("bad", NOT_FINITE, 1), candidate_row("calm", gentler, 2)]
@@ -126,6 +126,9 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
     for count in ("1", "3"):
         monkeypatch.setenv(WORKERS_VARIABLE, count)
         train_rung(read_pool(tmp_path / "pool"), small, 1, "1", 2, tmp_path / count)
+        said = capsys.readouterr().out
+        assert "iteration 1 rung 1: bad failed: its reward was not finite in 100.0% of the environments" in said
+        assert "iteration 1 rung 1: 3 candidates, " in said
     assert folder_digest(tmp_path / "1") == folder_digest(tmp_path / "3")
     trained = read_pool(tmp_path / "3")
     after = {row["candidate_id"]: row for row in trained.candidates}

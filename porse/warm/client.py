@@ -52,10 +52,11 @@ def hand_over() -> None:
             "Error: expected the warm server to say how the stage ended, found that it has ended itself; run this again\n"
         )
         _end(1)
-    if int(code) < 0:
-        # As the stage ended, so does this process: DVC then sees what it would have seen.
-        os.kill(os.getpid(), -int(code))
-    _end(int(code))
+    if int(code) >= 0:
+        _end(int(code))
+    # As the stage ended, so does this process: DVC then sees what it would have seen. Python ignores some signals.
+    os.kill(os.getpid(), -int(code))
+    _end(128 - int(code))
 
 
 def _umask() -> int:
