@@ -5,7 +5,9 @@ and the rest of a training: optimizer, generator, simulation, visit counts. Scal
 since safetensors writes several entries in no fixed order.
 """
 
+import contextlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,20 +49,32 @@ def policy_checkpoint(arrays: Mapping[str, NDArray[np.generic]]) -> Checkpoint:
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Writes the file whole: an interrupted write leaves no half file at `path`."""
+    """Writes the file whole: an interrupted write leaves no half file at `path`.
+
+    Raises:
+        CheckpointError: the system did not let it: the disk is full, say.
+    """
     arrays = {name: np.asarray(array, order="C") for name, array in checkpoint.arrays.items()}
     scalars = canonical_json({"version": VERSION, **checkpoint.scalars})
-    path.parent.mkdir(parents=True, exist_ok=True)
+    content = save(arrays, {"porse": scalars})
     partial = path.with_suffix(".partial")
-    partial.write_bytes(save(arrays, {"porse": scalars}))
-    partial.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise CheckpointError(
+            f"expected to write {len(content)} bytes to {path}, found that the system refuses it ({error.strerror}); make room or give the right to write there, then run this again"
+        ) from error
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
     """Returns the content of the file at `path`.
 
     Raises:
-        CheckpointError: it is missing, damaged or of another version.
+        CheckpointError: it is missing, damaged, of another version, or holds weights that are not finite.
     """
     try:
         with safe_open(path, framework="np") as file:
@@ -70,12 +84,37 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise CheckpointError(
             f"expected a checkpoint at {path}, found no such file; run `dvc repro` to make it"
         ) from None
-    except (SafetensorError, ValueError) as error:
-        raise CheckpointError(
-            f"expected a checkpoint at {path}, found a damaged file ({error}); delete it and run `dvc repro`"
-        ) from error
+    except (SafetensorError, ValueError, TypeError, AttributeError, OSError, RecursionError) as error:
+        raise _damaged(path, f"a damaged file ({error})") from error
+    if not isinstance(scalars, dict):
+        raise _damaged(path, f"{type(scalars).__name__} where its scalars should be")
     if scalars.get("version") != VERSION:
         raise CheckpointError(
-            f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')}; delete it and run `dvc repro`"
+            f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')!r}; delete it and run `dvc repro`"
         )
-    return Checkpoint(arrays, {key: value for key, value in scalars.items() if key != "version"})
+    checkpoint = Checkpoint(arrays, {key: value for key, value in scalars.items() if key != "version"})
+    _check(checkpoint, path)
+    return checkpoint
+
+
+def _check(checkpoint: Checkpoint, path: Path) -> None:
+    """Raises a CheckpointError where scalars are not as a training writes them, or weights are no weights."""
+    scalars = checkpoint.scalars
+    if scalars.get("kind") not in ("policy", "checkpoint"):
+        raise _damaged(path, f"the kind {scalars.get('kind')!r}, which is neither policy nor checkpoint")
+    if scalars["kind"] == "checkpoint":
+        epoch, rate = scalars.get("epoch"), scalars.get("learning_rate")
+        if type(epoch) is not int or epoch < 0:
+            raise _damaged(path, f"the epoch {epoch!r}, which is no count")
+        if type(rate) is not float or not 0.0 < rate < math.inf:
+            raise _damaged(path, f"the learning rate {rate!r}, which is no positive number")
+    for name, array in checkpoint.arrays.items():
+        is_weight = name.startswith((*NETWORKS, "optimizer."))
+        if is_weight and array.dtype.kind not in "fiu":
+            raise _damaged(path, f"{name} of {array.dtype}, which is no number")
+        if is_weight and not np.isfinite(array).all():
+            raise _damaged(path, f"{name} with values that are not finite")
+
+
+def _damaged(path: Path, found: str) -> CheckpointError:
+    return CheckpointError(f"expected a checkpoint at {path}, found {found}; delete it and run `dvc repro`")

@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Literal
 
 from porse.errors import ParamsError
@@ -23,6 +24,10 @@ ENVIRONMENT: dict[Profile, dict[str, str]] = {
     "fast": _ONE_THREAD,
 }
 """Environment variables of each profile."""
+
+_NEEDED: dict[Profile, set[str]] = {"portable": {"avx2", "fma"}, "fast": set()}
+"""Instructions that each profile makes libraries use, by the names that Linux has for them."""
+_CPU_INFO = Path("/proc/cpuinfo")
 
 _PACKAGES = (
     "torch",
@@ -42,9 +47,16 @@ def apply(profile: Profile) -> None:
     """Sets the environment variables of `profile` for this process and its children.
 
     Raises:
-        ParamsError: torch is loaded already and the variables are not as the profile wants them.
+        ParamsError: torch is loaded already and the variables are not as the profile wants them; or the profile needs
+            instructions that this CPU does not have.
     """
     wanted = ENVIRONMENT[profile]
+    lacking = sorted(_NEEDED[profile] - _cpu_flags())
+    if lacking:
+        raise ParamsError(
+            f"expected a CPU with {' and '.join(sorted(_NEEDED[profile]))} for numerics: {profile}, found one without {' and '.join(lacking)} ({_cpu_model()});"
+            " it would end with an illegal instruction: take another machine, or set numerics: fast, which ends with other bits"
+        )
     differ = [name for name, value in wanted.items() if os.environ.get(name) != value]
     if differ and "torch" in sys.modules:
         raise ParamsError(
@@ -62,11 +74,22 @@ def manifest() -> dict[str, str]:
     return {**machine, **found, **switches}
 
 
+def _cpu_flags() -> set[str]:
+    """Returns the instructions of this CPU; all that may be needed where the system does not list them as x86 Linux does."""
+    found = _cpu_lines("flags")
+    return set(found[0].split()) if found else set.union(*_NEEDED.values())
+
+
 def _cpu_model() -> str:
     """Returns the CPU's own name where the system tells it."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    except OSError:
-        names = []
+    names = _cpu_lines("model name")
     return names[0] if names else platform.processor()
+
+
+def _cpu_lines(name: str) -> list[str]:
+    """Returns what the system says under a name, once for each CPU; nothing where it does not say it."""
+    try:
+        lines = _CPU_INFO.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
+    return [line.split(":", 1)[1].strip() for line in lines if line.split(":", 1)[0].strip() == name and ":" in line]

@@ -13,7 +13,7 @@ LAYERS: list[set[str]] = [
     {"methods", "conversion", "tables", "checkpoint"},
     {"config"},
     {"numerics", "prompts", "pool"},
-    {"stage"},
+    {"stage", "warm"},
     {"llm", "code", "sim"},
     {"tasks", "exploration"},
     {"search"},

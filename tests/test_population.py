@@ -2,35 +2,19 @@
 
 import os
 import signal
-import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from porse.checkpoint import write_checkpoint
-from porse.training.job import Job
+from porse.training.job import Ended, Job, Report
+from porse.training.limits import WORKERS_VARIABLE
 from porse.training.population import train_pool
 from porse.training.start import random_policy
 from samples import MAPPING, REWARD
-
-ROOT = Path(__file__).resolve().parent.parent
-
-ENDLESS = """
-import sys
-sys.path[:0] = [{root!r}, {tests!r}]
-from conftest import load_params, numerics
-import dataclasses
-from pathlib import Path
-from porse.training.job import Job
-from porse.training.population import train_pool
-from samples import MAPPING, REWARD
-
-params = load_params(Path({root!r}) / "params.yaml")
-train = dataclasses.replace(params.train, num_envs=8, steps_per_epoch=8, hidden=(8,), minibatches=2)
-jobs = [Job(str(n), REWARD, MAPPING, 1.0, Path({start!r}), Path("never"), 10**9, n) for n in (1, 2)]
-if __name__ == "__main__":
-    train_pool(jobs, dataclasses.replace(params, train=train), lambda report: print(report.epoch, flush=True))
-"""
 
 
 def job(name: str, start: Path, until: int) -> Job:
@@ -40,8 +24,9 @@ def job(name: str, start: Path, until: int) -> Job:
 def test_every_epoch_of_every_candidate_is_reported_in_order(small, tmp_path):
     start = tmp_path / "start.safetensors"
     write_checkpoint(start, random_policy(small, 1))
-    reports = []
-    outcomes = train_pool([job("a", start, 3), job("b", start, 2)], small, reports.append)
+    events = []
+    outcomes = train_pool([job("a", start, 3), job("b", start, 2)], small, events.append)
+    reports = [event for event in events if isinstance(event, Report)]
     assert {name: [r.epoch for r in reports if r.name == name] for name in "ab"} == {"a": [1, 2, 3], "b": [1, 2]}
     told = {(r.name, r.epoch): r.fitness for r in reports}
     written = {
@@ -51,6 +36,9 @@ def test_every_epoch_of_every_candidate_is_reported_in_order(small, tmp_path):
         if series == "fitness"
     }
     assert told == written
+    assert {event.name: event.outcome for event in events if isinstance(event, Ended)} == dict(
+        zip("ab", outcomes, strict=True)
+    )
 
 
 def session(leader: int) -> set[int]:
@@ -74,17 +62,45 @@ def wait_until(holds, seconds):
         time.sleep(0.05)
 
 
-def test_trainings_do_not_outlive_a_killed_parent(small, tmp_path):
+def stage(small, start: Path, output: int) -> int:
+    """Forks a process that trains eight candidates without an end, as the leader of a session, and returns its id."""
+    process = os.fork()
+    if process == 0:
+        os.setsid()
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        os.close(output)
+        os.environ[WORKERS_VARIABLE] = "8"
+        train_pool([job(str(n), start, 10**9) for n in range(8)], small, lambda event: print("event", flush=True))
+        os._exit(0)
+    return process
+
+
+def ends_with_its_stage(small, start: Path, alive: Callable[[int], object]) -> None:
+    """Kills a stage when `alive` returns: in 5 s nothing of it runs, and nothing holds its output."""
+    output, printing = os.pipe()
+    sys.stdout.flush()
+    process = stage(small, start, printing)
+    os.close(printing)
+    try:
+        alive(process)
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+    wait_until(lambda: not session(process), 5)
+    while os.read(output, 1 << 16):
+        pass
+    os.close(output)
+
+
+def test_trainings_do_not_outlive_a_killed_stage(small, tmp_path):
     start = tmp_path / "start.safetensors"
     write_checkpoint(start, random_policy(small, 1))
-    script = tmp_path / "endless.py"
-    script.write_text(ENDLESS.format(root=str(ROOT), tests=str(ROOT / "tests"), start=str(start)))
-    command = [sys.executable, str(script)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True, cwd=tmp_path, text=True) as parent:
-        assert parent.stdout is not None
-        assert parent.stdout.readline().strip() == "1"
-        # The parent, the server that forks, two trainings, and the tracker of resources.
-        assert len(session(parent.pid)) >= 4
-        os.kill(parent.pid, signal.SIGKILL)
-        parent.wait()
-        wait_until(lambda: not session(parent.pid), 30)
+    ends_with_its_stage(small, start, lambda process: wait_until(lambda: len(session(process)) == 9, 60))
+
+
+@pytest.mark.parametrize("milliseconds", range(0, 240, 20))
+def test_nor_do_trainings_that_are_just_being_started(small, tmp_path, milliseconds):
+    start = tmp_path / "start.safetensors"
+    write_checkpoint(start, random_policy(small, 1))
+    ends_with_its_stage(small, start, lambda process: time.sleep(milliseconds / 1000))

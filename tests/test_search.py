@@ -1,10 +1,11 @@
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 from porse.errors import SearchError
-from porse.search.elimination import Score, rank, score, survivors
+from porse.search.elimination import Score, rank, ranked_pool, score, survivors
 from porse.search.feedback import Series, feedback_rows, shown_series
 from porse.search.fusion import fuse
 from porse.search.mutation import mutant, swarm_step
@@ -53,6 +54,34 @@ def test_a_failed_training_has_no_score_and_ranks_last():
     failed = score({"candidate_id": "a", "failure": "its reward was not finite"}, curve("a", [5.0]), 2)
     assert failed == Score("a", 0.0, 0.0, failed=True)
     assert rank([failed, Score("b", -9.0, -9.0, failed=False)])[0].candidate_id == "b"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_a_fitness_that_is_no_number_ranks_last(value):
+    scores = [
+        score({"candidate_id": name, "failure": ""}, curve(name, values), 2)
+        for name, values in (("a", [9.0, value, 9.0, 9.0]), ("b", [-9.0]))
+    ]
+    assert scores[0] == Score("a", 0.0, 0.0, failed=True)
+    assert [entry.candidate_id for entry in rank(scores)] == ["b", "a"]
+
+
+def test_ranks_do_not_depend_on_the_order_of_rows_and_what_failed_outranks_nothing():
+    # c is a probe that another one beat: of age 1, and below zero. d has failed, and e has a fitness that is no number.
+    ages = {"a": 2, "b": 2, "c": 1, "d": 0, "e": 2}
+    rows = [
+        {"candidate_id": name, "epochs": age, "failure": "it raised" if name == "d" else ""}
+        for name, age in ages.items()
+    ]
+    curves = [
+        *curve("a", [-3.0, -2.0]), *curve("b", [-2.0, -1.0]), *curve("c", [-5.0]), *curve("d", [7.0]),
+        *curve("e", [9.0, float("nan")]),
+    ]  # fmt: skip
+    for order in itertools.permutations(rows):
+        ranked = ranked_pool(order, curves[:: 1 if order[0] is rows[0] else -1], 1)
+        assert [(entry.candidate_id, entry.failed) for entry in ranked] == [
+            ("b", False), ("a", False), ("c", True), ("d", True), ("e", True),
+        ]  # fmt: skip
 
 
 def test_ties_go_by_mts_then_by_id():

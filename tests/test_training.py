@@ -16,7 +16,7 @@ from porse.pool import policy_file, read_pool, write_pool
 from porse.search.elimination import rank, score
 from porse.training.candidate import train_candidate
 from porse.training.job import Job
-from porse.training.population import WORKERS_VARIABLE, workers
+from porse.training.limits import WORKERS_VARIABLE, workers
 from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
@@ -93,7 +93,7 @@ def test_every_series_is_written_down_at_every_epoch(small, small_start, tmp_pat
 
 def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_nothing(small, small_start, tmp_path):
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", NOT_FINITE), small, lambda *_: None)
-    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late)"
+    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late), in epoch 2"
     assert outcome.rows == []
     assert not (tmp_path / "x.safetensors").exists()
 
@@ -118,7 +118,7 @@ def folder_digest(folder: Path) -> list[tuple[str, str]]:
 
 
 def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_candidate(
-    small, small_start, tmp_path, monkeypatch
+    small, small_start, tmp_path, monkeypatch, capsys
 ):
     gentler = REWARD.replace("1.5", "0.5")
     rows = [candidate_row("good", REWARD, 0), candidate_row("bad", NOT_FINITE, 1), candidate_row("calm", gentler, 2)]
@@ -126,6 +126,9 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
     for count in ("1", "3"):
         monkeypatch.setenv(WORKERS_VARIABLE, count)
         train_rung(read_pool(tmp_path / "pool"), small, 1, "1", 2, tmp_path / count)
+        said = capsys.readouterr().out
+        assert "iteration 1 rung 1: bad failed: its reward was not finite in 100.0% of the environments" in said
+        assert "iteration 1 rung 1: 3 candidates, " in said
     assert folder_digest(tmp_path / "1") == folder_digest(tmp_path / "3")
     trained = read_pool(tmp_path / "3")
     after = {row["candidate_id"]: row for row in trained.candidates}
@@ -202,9 +205,11 @@ def test_only_the_time_limit_counts_as_a_time_out_and_rewards_are_scaled():
 
 def test_a_checkpoint_reads_back_with_its_shapes_and_types(tmp_path):
     arrays = {"task.count": np.array(3), "actor.w": np.ones((2, 3), np.float32), "ppo.g": np.arange(4, dtype=np.uint8)}
-    write_checkpoint(tmp_path / "c.safetensors", Checkpoint(arrays, {"kind": "checkpoint", "epoch": 4}))
+    write_checkpoint(
+        tmp_path / "c.safetensors", Checkpoint(arrays, {"kind": "checkpoint", "epoch": 4, "learning_rate": 0.5})
+    )
     found = read_checkpoint(tmp_path / "c.safetensors")
-    assert found.scalars == {"kind": "checkpoint", "epoch": 4}
+    assert found.scalars == {"kind": "checkpoint", "epoch": 4, "learning_rate": 0.5}
     assert {name: (a.shape, a.dtype) for name, a in found.arrays.items()} == {
         name: (a.shape, a.dtype) for name, a in arrays.items()
     }
@@ -233,6 +238,22 @@ def test_the_numeric_profile_must_be_set_before_torch(monkeypatch):
     monkeypatch.setenv("MKL_CBWR", "AVX2")
     with pytest.raises(ParamsError, match="before torch is loaded"):
         numerics.apply("portable")
+
+
+def test_a_cpu_without_the_instructions_of_the_profile_is_refused_before_it_traps(monkeypatch, tmp_path):
+    # Of an Ivy Bridge, which has neither AVX2 nor FMA.
+    info = "processor\t: 0\nmodel name\t: Xeon E5-2697 v2\nflags\t\t: fpu sse sse2 ssse3 sse4_1 sse4_2 avx f16c\n"
+    (tmp_path / "cpuinfo").write_text(info * 2)
+    monkeypatch.setattr(numerics, "_CPU_INFO", tmp_path / "cpuinfo")
+    with pytest.raises(ParamsError, match=r"found one without avx2 and fma \(Xeon E5-2697 v2\)"):
+        numerics.apply("portable")
+    (tmp_path / "cpuinfo").write_text(info.replace("f16c", "f16c fma avx2"))
+    numerics.apply("portable")
+    # Another system, or another kind of CPU, lists them otherwise or not at all.
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\nFeatures\t: fp asimd\n")
+    numerics.apply("portable")
+    monkeypatch.setattr(numerics, "_CPU_INFO", tmp_path / "none")
+    numerics.apply("portable")
 
 
 def test_the_manifest_names_what_ran():

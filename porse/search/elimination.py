@@ -17,7 +17,8 @@ class Score:
         candidate_id: whose.
         fitness: mean fitness over the last `window` epochs.
         mts: highest fitness so far.
-        failed: whether its training ended early, or another probe took its place; it ranks behind all others.
+        failed: whether its training ended early, or another probe took its place, or its fitness is no number; it ranks
+            behind all others.
     """
 
     candidate_id: str
@@ -34,22 +35,28 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
         for row in sorted(curves, key=lambda row: row["epoch"])
         if row["candidate_id"] == name and row["series"] == "fitness"
     ]
-    if candidate["failure"] or not fitness:
+    if candidate["failure"] or not fitness or not all(map(math.isfinite, fitness)):
         return Score(name, 0.0, 0.0, failed=True)
     last = fitness[-window:]
     return Score(name, math.fsum(last) / len(last), max(fitness), failed=False)
 
 
 def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -> list[Score]:
-    """Returns the scores of a pool's candidates, best first; those that are not as old as the oldest count as failed."""
+    """Returns the scores of a pool's candidates, best first.
+
+    Those that are not as old as the oldest, probes that another one beat, count as failed, before those that did fail.
+    """
     oldest = max((row["epochs"] for row in candidates), default=0)
-    scores = [score(row, curves, window) for row in candidates]
+    scores = rank([score(row, curves, window) for row in candidates])
     young = {row["candidate_id"] for row in candidates if row["epochs"] < oldest}
-    return rank([replace(entry, failed=entry.failed or entry.candidate_id in young) for entry in scores])
+    alive = [entry for entry in scores if not entry.failed]
+    beaten = [replace(entry, failed=True) for entry in alive if entry.candidate_id in young]
+    failed = [entry for entry in scores if entry.failed]
+    return [*(entry for entry in alive if entry.candidate_id not in young), *beaten, *failed]
 
 
 def rank(scores: Sequence[Score]) -> list[Score]:
-    """Returns the scores, best first. The order is total: no two candidates have one id."""
+    """Returns the scores, best first. The order is total: fitness is finite, and no two candidates have one id."""
     return sorted(scores, key=lambda s: (s.failed, -s.fitness, -s.mts, s.candidate_id))
 
 

@@ -1,9 +1,12 @@
 """Trains one candidate: its functions compiled anew, its task made, its policy trained."""
 
+import traceback
 from collections.abc import Callable
 
 from porse.code.compile import compile_mapping, compile_reward
+from porse.code.verdict import CodeError
 from porse.config import Params
+from porse.errors import PorseError
 from porse.exploration import SimHashCounts, SumCounts, VisitCounts
 from porse.identity import seed_for
 from porse.tasks import find_task, make_task
@@ -11,20 +14,45 @@ from porse.tasks.base import Task
 from porse.training.bonus import Bonus, MappingBonus, NoBonus, SimHashBonus
 from porse.training.goal import Goal, generated, human, sparse
 from porse.training.job import Job, Outcome
+from porse.training.reason import lacks_memory, plain, reason_of
 from porse.training.reward import CandidateFailed, Reward
 from porse.training.trainer import Trainer
 
 
 def train_candidate(job: Job, params: Params, report: Callable[[int, float], None]) -> Outcome:
-    """Trains `job` to its last epoch and writes its checkpoint; when its functions fail, nothing is written."""
-    task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
+    """Trains `job` to its last epoch and writes its checkpoint; when the training fails, nothing is written.
+
+    Raises:
+        PorseError: the program cannot go on: the start is missing or damaged, say, or the disk is full.
+    """
+    begun = 0
+
+    def before(epoch: int) -> None:
+        nonlocal begun
+        begun = epoch
+
     try:
-        reward = Reward(_goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale)
-        trainer = Trainer(task, reward, params.train, job.seed)
-        trainer.load(job.start)
-        rows = trainer.train(job.until, report)
+        return _trained(job, params, report, before)
     except CandidateFailed as failure:
-        return Outcome([], str(failure))
+        reason, outside = str(failure), False
+    except CodeError as error:
+        reason, outside = f"its function cannot be compiled: {plain(str(error))}", False
+    except PorseError:
+        raise
+    except (Exception, SystemExit) as error:
+        traceback.print_exc()
+        reason, outside = f"its training raised {reason_of(error)}", lacks_memory(error)
+        if outside:
+            reason = f"its training may take no more memory: {reason_of(error)}"
+    return Outcome([], f"{reason}, in epoch {begun}" if begun else f"{reason}, before its first epoch", outside)
+
+
+def _trained(job: Job, params: Params, report: Callable[[int, float], None], before: Callable[[int], None]) -> Outcome:
+    task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
+    reward = Reward(_goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale)
+    trainer = Trainer(task, reward, params.train, job.seed)
+    trainer.load(job.start)
+    rows = trainer.train(job.until, report, before)
     trainer.save(job.finish)
     return Outcome([(row.epoch, row.series, row.value) for row in rows], "")
 

@@ -32,7 +32,7 @@ def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) ->
     for index, link in enumerate(chain):
         jobs = [_job(chain, index, seeds[number], until, scratch / str(number)) for number in alive]
         with rung_bar(params, f"evaluation, iteration {link['iteration']}", len(jobs), len(jobs) * until) as bar:
-            outcomes = train_pool(jobs, params, bar.advance)
+            outcomes = train_pool(jobs, params, bar.tell)
         results = dict(zip(alive, outcomes, strict=True))
         rows += _rows(results, link)
         alive = [number for number in alive if not results[number].failure]
@@ -53,7 +53,8 @@ def _job(chain: Sequence[Row], index: int, params: Params, until: int, folder: P
     else:
         before = read_checkpoint(_finish(folder, index - 1)).policy()
         write_checkpoint(start, policy_checkpoint(fuse(before, random.policy(), link["alpha"])))
-    return dataclasses.replace(job_for(link, start, until, params, folder), finish=_finish(folder, index))
+    name = f"{link['candidate_id']} with seed {params.seed}"
+    return dataclasses.replace(job_for(link, start, until, params, folder), name=name, finish=_finish(folder, index))
 
 
 def _finish(folder: Path, index: int) -> Path:

@@ -1,5 +1,6 @@
 """What goes into the training of one candidate and what comes out of it: plain data between processes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ class Job:
     """One candidate's training.
 
     Attributes:
-        name: what progress reports call it: the candidate id.
+        name: what reports call it, unlike any other of its pool: the candidate id.
         reward_source: its goal reward.
         mapping_source: its mapping.
         beta: its weight of the bonus.
@@ -31,10 +32,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a training left: rows (epoch, series, value), and why it ended early, else an empty text."""
+    """What a training left.
+
+    Attributes:
+        rows: (epoch, series, value); none when it failed.
+        failure: why it ended early, else an empty text.
+        outside: whether the cause may lie outside the candidate, so that another attempt may end otherwise.
+    """
 
     rows: list[tuple[int, str, float]]
     failure: str
+    outside: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,3 +52,15 @@ class Report:
     name: str
     epoch: int
     fitness: float
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The training of one candidate has ended, well or not."""
+
+    name: str
+    outcome: Outcome
+
+
+Tell = Callable[[Report | Ended], None]
+"""Is told what happens, while it happens."""

@@ -85,7 +85,7 @@ def search_rung(pool: Pool, params: Params, iteration: int, rung: str, until: in
 
         def train(rows: Sequence[Row], starts: Sequence[Path], to: int) -> list[Outcome]:
             jobs = [job_for(row, start, to, params, out) for row, start in zip(rows, starts, strict=True)]
-            return train_pool(jobs, params, bar.advance)
+            return train_pool(jobs, params, bar.tell)
 
         probes = search_alphas(pool, params, short, out, train)
         going = [probe.row for probe in probes if probe.chosen and not probe.row["failure"]]

@@ -48,7 +48,7 @@ class Reward:
         """Returns the payment of all environments for the state that `task` is in.
 
         Raises:
-            CandidateFailed: a function raised, or the goal reward is not finite.
+            CandidateFailed: a function raised, or the total reward is not finite.
         """
         variables: Mapping[str, Any] = task.variables()
         try:
@@ -56,12 +56,14 @@ class Reward:
             bonus, progress = self._bonus.pay(variables)
         except CodeError as error:
             raise CandidateFailed(f"its function raised in training: {error}") from error
-        if not bool(torch.isfinite(goal).all()):
-            raise CandidateFailed(_not_finite(goal, components))
+        # As PPO takes it: in single precision, a number that is finite in double need not be.
+        total = (self._beta * bonus + (self._scale - self._beta) * goal).float()
+        if not bool(torch.isfinite(total).all()):
+            raise CandidateFailed(_not_finite(total, goal, components))
         series = {"goal": goal, "bonus": bonus}
         series |= {f"component/{name}": value for name, value in sorted(components.items())}
         series |= {f"progress/{name}": value for name, value in progress.items()}
-        return Payment(self._beta * bonus + (self._scale - self._beta) * goal, series)
+        return Payment(total, series)
 
     def state(self) -> dict[str, Tensor]:
         """Returns all that a continuation needs: the bonus's counts."""
@@ -96,7 +98,8 @@ class EpochMeans:
         return means
 
 
-def _not_finite(goal: Tensor, components: Mapping[str, Tensor]) -> str:
-    share = 1.0 - torch.isfinite(goal).float().mean().item()
+def _not_finite(total: Tensor, goal: Tensor, components: Mapping[str, Tensor]) -> str:
+    what = "reward" if not bool(torch.isfinite(goal).all()) else "total reward"
+    share = 1.0 - torch.isfinite(total).float().mean().item()
     guilty = [name for name, value in sorted(components.items()) if not bool(torch.isfinite(value).all())]
-    return f"its reward was not finite in {share:.1%} of the environments (components: {', '.join(guilty) or 'none'})"
+    return f"its {what} was not finite in {share:.1%} of the environments (components: {', '.join(guilty) or 'none'})"

@@ -19,10 +19,12 @@ def train_rung(pool: Pool, params: Params, iteration: int, rung: str, until: int
     policy that it started the rung from, and its row says why it failed.
     """
     going = [row for row in pool.candidates if row["epochs"] < until and not row["failure"]]
+    # The longest first: a short one fills what is left at the end.
+    going.sort(key=lambda row: row["epochs"])
     epochs = sum(until - row["epochs"] for row in going)
     with rung_bar(params, f"iteration {iteration} rung {rung}", len(going), epochs) as bar:
         jobs = [job_for(row, pool.policy(row), until, params, out) for row in going]
-        outcomes = train_pool(jobs, params, bar.advance)
+        outcomes = train_pool(jobs, params, bar.tell)
     results = {row["candidate_id"]: outcome for row, outcome in zip(going, outcomes, strict=True)}
     candidates = [row_after(row, results.get(row["candidate_id"]), until) for row in pool.candidates]
     write_trained(pool, candidates, curve_rows(results, iteration, rung), out)

@@ -51,12 +51,36 @@ def optimizer_arrays(ppo: PPO) -> dict[str, NDArray[np.generic]]:
 
 
 def load_optimizer(ppo: PPO, checkpoint: Checkpoint) -> None:
-    """Puts a checkpoint's Adam state and learning rate into `ppo`."""
+    """Puts a checkpoint's Adam state and learning rate into `ppo`.
+
+    Raises:
+        ValueError: the state is not of these networks.
+    """
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in tensors(checkpoint, "optimizer").items():
         index, name = key.split(".")
         state.setdefault(int(index), {})[name] = value
+    weights = [weight for group in ppo.optimizer.param_groups for weight in group["params"]]
+    found = {index: {name: tuple(value.shape) for name, value in entry.items()} for index, entry in state.items()}
+    for place, weight in enumerate(weights):
+        shape = tuple(weight.shape)
+        if found.pop(place, None) != {"step": (), "exp_avg": shape, "exp_avg_sq": shape}:
+            raise ValueError(f"the optimizer's state of weight {place} is not of the shape {shape}")
+    if found:
+        raise ValueError(f"the optimizer's state of weight {min(found)} is of no weight")
     rate = float(checkpoint.scalars["learning_rate"])
     groups = [{**group, "lr": rate} for group in ppo.optimizer.state_dict()["param_groups"]]
     ppo.optimizer.load_state_dict({"state": state, "param_groups": groups})
     ppo.learning_rate = rate
+
+
+def same_names(found: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """Returns `found`.
+
+    Raises:
+        ValueError: its names are not those of `wanted`.
+    """
+    differ = sorted(found.keys() ^ wanted.keys())
+    if differ:
+        raise ValueError(f"{', '.join(differ)} are in one of the two alone")
+    return found

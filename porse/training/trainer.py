@@ -1,7 +1,7 @@
 """Trains one policy for a number of epochs, from a policy or from a checkpoint, to a checkpoint.
 
 Split anywhere, a training gives the same bits: epochs 1..2H at once, or 1..H, a checkpoint, a new process, H+1..2H.
-PPO draws from torch's global generator, so a training owns its process.
+PPO draws from torch's global generator, so a training owns its process while it runs.
 """
 
 from collections.abc import Callable
@@ -13,11 +13,22 @@ from rsl_rl.algorithms import PPO
 
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import TrainParams
+from porse.errors import CheckpointError
 from porse.identity import seed_for
 from porse.tasks.base import Task
+from porse.training.finite import check_policy, finite
 from porse.training.ppo import build_ppo
+from porse.training.reason import reason_of
 from porse.training.reward import Reward
-from porse.training.snapshot import arrays, load_optimizer, load_policy, optimizer_arrays, policy_arrays, tensors
+from porse.training.snapshot import (
+    arrays,
+    load_optimizer,
+    load_policy,
+    optimizer_arrays,
+    policy_arrays,
+    same_names,
+    tensors,
+)
 from porse.training.vecenv import TaskEnv, observation_groups
 
 Progress = Callable[[int, float], None]
@@ -68,11 +79,17 @@ class Trainer:
         load_policy(self._ppo, checkpoint, path)
         if checkpoint.scalars["kind"] == "policy":
             return
-        load_optimizer(self._ppo, checkpoint)
-        self._env.task.load_state(tensors(checkpoint, "task"))
-        self._env.reward.load_state(tensors(checkpoint, "reward"))
-        torch.set_rng_state(tensors(checkpoint, "ppo")["generator"])
-        self.epoch = int(checkpoint.scalars["epoch"])
+        try:
+            load_optimizer(self._ppo, checkpoint)
+            task, reward = self._env.task, self._env.reward
+            task.load_state(same_names(tensors(checkpoint, "task"), task.state()))
+            reward.load_state(same_names(tensors(checkpoint, "reward"), reward.state()))
+            torch.set_rng_state(tensors(checkpoint, "ppo")["generator"])
+        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+            raise CheckpointError(
+                f"expected the state of a training of {self._env.task.NAME} in {path}, found another ({reason_of(error)}); delete it and run `dvc repro`"
+            ) from error
+        self.epoch = checkpoint.scalars["epoch"]
 
     def save(self, path: Path) -> None:
         """Writes a checkpoint to `path`."""
@@ -82,25 +99,37 @@ class Trainer:
         scalars = {"kind": "checkpoint", "epoch": self.epoch, "learning_rate": float(self._ppo.learning_rate)}
         write_checkpoint(path, Checkpoint(content, scalars))
 
-    def train(self, until: int, progress: Progress) -> list[EpochRow]:
+    def train(self, until: int, progress: Progress, before: Callable[[int], None]) -> list[EpochRow]:
         """Trains until epoch `until` is done and returns what was written down.
 
+        Args:
+            until: the last epoch.
+            progress: told after each epoch.
+            before: told before each epoch which it is.
+
         Raises:
-            CandidateFailed: the reward's functions failed; the rows of earlier epochs are lost with it.
+            CandidateFailed: the reward's functions failed, or a number that has to be finite is not; the rows of earlier
+                epochs are lost with it.
         """
         rows: list[EpochRow] = []
         self._ppo.train_mode()
         observations = self._env.get_observations()
         while self.epoch < until:
+            before(self.epoch + 1)
             with torch.inference_mode():
                 for _ in range(self._params.steps_per_epoch):
                     actions = self._ppo.act(observations)
                     observations, rewards, ends, extras = self._env.step(actions)
                     self._ppo.process_env_step(observations, rewards, ends, extras)
                 self._ppo.compute_returns(observations)
-            self._ppo.update()
+            # An update with numbers that are not finite would raise somewhere in PPO, or spoil the weights.
+            finite("its returns were", self._ppo.storage.returns)
+            losses = self._ppo.update()
+            finite("its losses were", torch.tensor(list(losses.values())))
+            check_policy(self._ppo)
             self.epoch += 1
             fitness = self._env.task.fitness()
+            finite("its fitness was", torch.tensor(fitness))
             series = {"fitness": fitness, **self._env.means.take()}
             rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]
             progress(self.epoch, fitness)

@@ -1,0 +1,44 @@
+"""Where trainings run: one small interface, so that another way to run them is another class and no other pipeline."""
+
+import os
+from collections.abc import Sequence
+from typing import Protocol
+
+from porse.config import Params
+from porse.errors import ParamsError
+from porse.training.inline import Inline
+from porse.training.job import Job, Tell
+from porse.training.limits import limits_from_environment
+from porse.training.local import Local
+
+EXECUTOR_VARIABLE = "PORSE_EXECUTOR"
+
+
+class Executor(Protocol):
+    """Runs trainings. Which one does, and in which order, changes no result."""
+
+    def run(self, jobs: Sequence[Job], params: Params, tell: Tell) -> None:
+        """Trains every job once and tells of each epoch and of each end, one `Ended` for every job.
+
+        A training that fails, whatever it does to its process, ends that training alone.
+
+        Raises:
+            PorseError: the program cannot go on: a start is missing or damaged, say, or the disk is full.
+        """
+        ...
+
+
+def executor_from_environment() -> Executor:
+    """Returns the executor that PORSE_EXECUTOR names: `local`, a process for each candidate, or `inline`, this process.
+
+    Raises:
+        ParamsError: it names another, or a limit is no number.
+    """
+    name = os.environ.get(EXECUTOR_VARIABLE, "") or "local"
+    if name == "local":
+        return Local(limits_from_environment())
+    if name == "inline":
+        return Inline()
+    raise ParamsError(
+        f"expected {EXECUTOR_VARIABLE} to be local or inline, found {name[:40]!r} in the environment; set or unset it"
+    )

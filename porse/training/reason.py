@@ -1,0 +1,38 @@
+"""Why a training failed, in words that two machines write alike: no path, no address, not too long."""
+
+import re
+
+_LONGEST = 400
+_PATH = re.compile(r"(?:/[^\s/:'\"<>,;()]+)+/([^\s/:'\"<>,;()]+)")
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}\b")
+_SIGNS_OF_LACK = (
+    "can't allocate memory",
+    "not enough memory",
+    "bad_alloc",
+    "cannot allocate memory",
+    "could not allocate",
+)
+
+
+def reason_of(error: BaseException) -> str:
+    """Returns what an exception says, as part of a sentence."""
+    said = plain(str(error))
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Returns whether an exception says that memory was refused; torch and MuJoCo have no type of their own for that."""
+    return isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in _SIGNS_OF_LACK)
+
+
+def last_words(printed: str) -> str:
+    """Returns the end of what a training has printed, on one line."""
+    lines = [line.strip() for line in printed.splitlines() if line.strip()]
+    return plain(" | ".join(lines[-3:]))
+
+
+def plain(text: str) -> str:
+    """Returns a text on one line, cut to a length, without the folders of paths and without addresses."""
+    line = " ".join(text.split())
+    line = _ADDRESS.sub("0x...", _PATH.sub(r"\1", line))
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..."
