@@ -1,6 +1,8 @@
 """`porse llm` as people use it."""
 
 import json
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +24,8 @@ from tests.llm_server import ChatServer, failing, replying
 
 KEYS = [request(sample=k).key for k in range(3)]
 WHO = ["--answered-by", "me", "--context", "fresh"]
-DOCUMENT = Path(__file__).parents[1] / "docs" / "llm-cache.md"
+ROOT = Path(__file__).parents[1]
+DOCUMENT = ROOT / "docs" / "llm-cache.md"
 
 
 @pytest.fixture
@@ -122,6 +125,36 @@ def test_verify_accepts_what_the_program_writes(store: Store) -> None:
     store.supersede(record("new", sample=1))
     (store.cache_dir / "README.md").write_text("# Recorded replies\n")
     assert run("verify").stdout == "3 records, all as they were written\n"
+
+
+def git(*arguments: str, cwd: Path) -> None:
+    identity = [
+        "-c",
+        "user.name=a",
+        "-c",
+        "user.email=a@b.c",
+        "-c",
+        "commit.gpgsign=false",
+        "-c",
+        "init.defaultBranch=main",
+    ]
+    subprocess.run(["git", *identity, *arguments], cwd=cwd, check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("attributes", [True, False])
+def test_verify_accepts_a_clone_that_translates_line_ends(tmp_path: Path, attributes: bool) -> None:
+    origin, clone = tmp_path / "origin", tmp_path / "clone"
+    shutil.copytree(ROOT / "llm_cache", origin / "llm_cache")
+    Store(origin / "llm_cache").write(record("line\r\nanother\rand\n"))
+    if attributes:
+        shutil.copy(ROOT / ".gitattributes", origin)
+    git("init", cwd=origin)
+    git("add", "--all", ":!.porse", cwd=origin)
+    git("commit", "--message", "replies", cwd=origin)
+    git("clone", "--config", "core.autocrlf=true", str(origin), str(clone), cwd=tmp_path)
+    result = run("verify", "--cache", str(clone / "llm_cache"), code=0 if attributes else 1)
+    expected = "records, all as they were written" if attributes else "another layout"
+    assert expected in result.stdout
 
 
 def spoil(store: Store, how: str) -> None:
