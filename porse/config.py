@@ -20,9 +20,13 @@ MOST_SUMMED_CELLS = 1872
 
 @dataclass(frozen=True)
 class Profile:
-    """One model and where it answers."""
+    """One model, where it answers, and in which dialect it is asked."""
 
     model: str
+    aliases: tuple[str, ...]
+    limit: str
+    leave_out: tuple[Literal["temperature", "top_p"], ...]
+    extra: Mapping[str, Any]
     base_url: str
     key_variable: str
     usd_per_million_prompt_tokens: NonNegative

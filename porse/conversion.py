@@ -33,7 +33,8 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
 
     Args:
         value: what the document holds.
-        kind: a dataclass, `Annotated` number, `Literal`, `Sequence`, `Mapping`, or plain type.
+        kind: a dataclass, `Annotated` number, `Literal`, `Sequence` (at least one entry), `tuple` (any number of entries),
+            `Mapping`, `Any` (whatever JSON can hold), or plain type.
         name: the value's dotted name; empty for the document.
         where: names the document in errors.
 
@@ -52,15 +53,29 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
         if value not in arguments:
             raise ParamsError(wrong(name, f"one of {', '.join(map(str, arguments))}", value, where))
         return value
-    if origin is Sequence:
-        if not isinstance(value, list) or not value:
-            raise ParamsError(wrong(name, "a list with at least one entry", value, where))
+    if origin in (Sequence, tuple):
+        if not isinstance(value, list) or (origin is Sequence and not value):
+            expected = "a list with at least one entry" if origin is Sequence else "a list"
+            raise ParamsError(wrong(name, expected, value, where))
         return tuple(convert(item, arguments[0], f"{name}[{index}]", where) for index, item in enumerate(value))
     if origin is Mapping:
         if not isinstance(value, dict):
             raise ParamsError(wrong(name, "a mapping", value, where))
         return {str(key): convert(item, arguments[1], f"{name}.{key}", where) for key, item in value.items()}
-    return _convert_scalar(value, kind, name, where)
+    return _convert_json(value, name, where) if kind is Any else _convert_scalar(value, kind, name, where)
+
+
+def _convert_json(value: Any, name: str, where: str) -> Any:
+    """Returns a value of any form that JSON can hold; a date is none, nor is a key that is no text."""
+    if isinstance(value, list):
+        return [_convert_json(item, f"{name}[{index}]", where) for index, item in enumerate(value)]
+    if isinstance(value, dict):
+        if not all(isinstance(key, str) for key in value):
+            raise ParamsError(wrong(name, "a mapping with texts as keys", value, where))
+        return {key: _convert_json(item, f"{name}.{key}", where) for key, item in value.items()}
+    if value is None:
+        return None
+    return _convert_scalar(value, bool | int | float | str, name, where)
 
 
 def _convert_scalar(value: Any, kind: Any, name: str, where: str) -> Any:

@@ -47,9 +47,10 @@ def questions(count: int, **changes: Any) -> list[Question]:
     return [Question(request(sample=k, **changes), Origin("generate", 1, f"reward {k + 1}")) for k in range(count)]
 
 
-def params(base_url: str = "", model: str = "test-model", key_variable: str = "") -> LlmParams:
-    """Returns the llm section with one profile."""
-    return LlmParams("local", 0.5, 0.9, 100, {"local": Profile(model, base_url, key_variable, 2.0, 10.0)})
+def params(base_url: str = "", **changes: Any) -> LlmParams:
+    """Returns the llm section with one profile, some of whose fields are changed."""
+    profile = Profile("test-model", (), "max_tokens", (), {}, base_url, "", 2.0, 10.0)
+    return LlmParams("local", 0.5, 0.9, 100, {"local": dataclasses.replace(profile, **changes)})
 
 
 def new_store(directory: Path) -> Store:

@@ -22,7 +22,7 @@ class ChatServer:
         self.script: list[Behaviour] = []
         self.requests: list[dict[str, Any]] = []
         self.times: list[float] = []
-        self.authorizations: list[str] = []
+        self.headers: list[dict[str, str]] = []
         self.busy = 0
         self.most_busy = 0
         self.lock = threading.Lock()
@@ -36,7 +36,7 @@ class ChatServer:
                 with chat.lock:
                     chat.requests.append({"path": self.path, "body": body})
                     chat.times.append(time.monotonic())
-                    chat.authorizations.append(self.headers.get("authorization", ""))
+                    chat.headers.append({name.lower(): value for name, value in self.headers.items()})
                     behaviour = chat.script.pop(0) if chat.script else good
                     chat.busy += 1
                     chat.most_busy = max(chat.most_busy, chat.busy)
@@ -64,6 +64,11 @@ class ChatServer:
 
         self.server = Server(("127.0.0.1", 0), Handler)
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)
+
+    @property
+    def authorizations(self) -> list[str]:
+        """The key that came with each request, "" for none."""
+        return [headers.get("authorization", "") for headers in self.headers]
 
     @property
     def url(self) -> str:
@@ -114,7 +119,7 @@ def good(handler: BaseHTTPRequestHandler, body: dict[str, Any]) -> None:
     send(handler, 200, json.dumps(completion(body)).encode())
 
 
-def replying(text: str | None, finish_reason: str = "stop", **changes: Any) -> Behaviour:
+def replying(text: str | list[Any] | None, finish_reason: str | None = "stop", **changes: Any) -> Behaviour:
     """Returns a behaviour: a well-formed completion with this text and finish reason."""
 
     def behave(handler: BaseHTTPRequestHandler, body: dict[str, Any]) -> None:

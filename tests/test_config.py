@@ -41,7 +41,16 @@ def test_the_committed_parameters_load(params):
         ("generator", "human", ["generator", "model", "grammar"]),
         ("mutate.vary", ["gamma"], ["mutate.vary[0]", "beta", "alpha"]),
         ("numerics", "slow", ["numerics", "portable", "fast"]),
-        ("llm.profile", "gpt", ["llm.profile", "by-hand"]),
+        ("llm.profile", "gpt", ["llm.profile", "offline"]),
+        (
+            "llm.profiles.local.leave_out",
+            ["top_k"],
+            ["llm.profiles.local.leave_out[0]", "temperature", "top_p", "top_k"],
+        ),
+        ("llm.profiles.local.aliases", "name", ["llm.profiles.local.aliases", "a list", "name"]),
+        ("llm.profiles.local.extra", {"a": [{"b": float("inf")}]}, ["llm.profiles.local.extra.a[0].b", "finite"]),
+        ("llm.profiles.local.extra", {"a": {1: 2}}, ["llm.profiles.local.extra.a", "texts as keys"]),
+        ("llm.profiles.local.extra", {"a": dataclasses}, ["llm.profiles.local.extra.a", "type"]),
         ("train.num_envs", "many", ["train.num_envs", "int", "many"]),
         ("train.num_envs", True, ["train.num_envs", "int"]),
         ("train.gamma", float("nan"), ["train.gamma", "finite"]),
@@ -63,6 +72,12 @@ def test_a_wrong_value_is_named_with_what_was_expected(document, name, value, wo
     with pytest.raises(ParamsError) as caught:
         parse_params(changed(document, name, value), "params.yaml")
     assert all(word in str(caught.value) for word in [*words, "params.yaml"])
+
+
+def test_an_extra_field_of_a_request_may_be_whatever_json_holds(document):
+    extra = {"thinking": {"type": "disabled", "budget": None}, "stop": ["a", "b"], "top_k": 40, "x": True, "y": 0.5}
+    params = parse_params(changed(document, "llm.profiles.local.extra", extra), "params.yaml")
+    assert params.llm.profiles["local"].extra == extra
 
 
 def test_an_unknown_parameter_is_refused_with_its_nearest_name(document):

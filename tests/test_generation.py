@@ -173,4 +173,4 @@ def test_probe_states_hold_fresh_and_moved_states():
 def test_parameters_reach_the_request(params, brief, model):
     run(dataclasses.replace(params, llm=dataclasses.replace(params.llm, max_tokens=99)), brief, [BAD, GOOD])
     request = model.questions[0].request
-    assert (request.model, request.temperature, request.top_p, request.max_tokens) == ("by-hand", 1.0, 1.0, 99)
+    assert (request.model, request.temperature, request.top_p, request.max_tokens) == ("offline", 1.0, 1.0, 99)

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from porse.config import Profile
 from porse.errors import CacheError, CacheMiss, ParamsError, RepliesPending
 from porse.llm.ask import ask
 from porse.llm.nearest import differences_between
@@ -57,8 +56,8 @@ def test_a_reply_holds_what_was_recorded(store: Store) -> None:
 
 def test_a_later_change_of_prices_does_not_change_the_cost(store: Store) -> None:
     store.write(Record(request(), ANSWER, PROVENANCE))
-    profiles = {"local": Profile("test-model", "", "", 99.0, 99.0)}
-    (reply,) = ask(questions(1), dataclasses.replace(params(), profiles=profiles), store.cache_dir)
+    dear = params(usd_per_million_prompt_tokens=99.0, usd_per_million_completion_tokens=99.0)
+    (reply,) = ask(questions(1), dear, store.cache_dir)
     assert reply.cost_usd == pytest.approx(0.004)
 
 
@@ -225,7 +224,7 @@ from tests.llm_cases import params, questions
 import porse.llm.ask
 sys.addaudithook(refuse)
 replies = porse.llm.ask.ask(questions(3), params("http://endpoint.invalid/v1"), Path(sys.argv[1]))
-assert "openai" not in sys.modules and "torch" not in sys.modules and "mujoco" not in sys.modules
+assert "httpx2" not in sys.modules and "torch" not in sys.modules and "mujoco" not in sys.modules
 sys.stdout.write("".join(reply.text for reply in replies))
 """
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from porse.errors import AnswersError, CacheError
-from porse.llm.batch import answer_lines, export_lines, import_answers
+from porse.llm.batch import Answerer, answer_lines, export_lines, import_answers
 from porse.llm.pending import add_pending, load_pending, open_request
 from porse.llm.request import Message
 from porse.llm.store import Store
@@ -15,6 +15,8 @@ from tests.llm_cases import new_store, params, questions, record, request
 from tests.llm_server import completion
 
 KEYS = [request(sample=k).key for k in range(3)]
+MODEL = Answerer("a language model, offline", "fresh", False)
+SAID = "a language model, offline, through batch mode, one fresh context per reply; not an API model"
 
 
 @pytest.fixture
@@ -33,7 +35,11 @@ def response(key: str, status: int = 200, **changes: Any) -> dict[str, Any]:
     return {"id": "1", "custom_id": key, "response": {"status_code": status, "body": body}, "error": None}
 
 
-def bring(store: Store, *answers: Any, answered_by: str = "written by hand") -> list[tuple[str, bool]]:
+def failed(key: str, status: int, body: Any) -> dict[str, Any]:
+    return {"id": "1", "custom_id": key, "response": {"status_code": status, "body": body}, "error": None}
+
+
+def bring(store: Store, *answers: Any, answered_by: Answerer = MODEL) -> list[tuple[str, bool]]:
     path = store.state_dir / "answers.jsonl"
     path.write_text("".join(f"{json.dumps(answer)}\n" for answer in answers), encoding="utf-8")
     accepted = import_answers(answer_lines(path), "answers.jsonl", answered_by, load_pending(store), store)
@@ -82,15 +88,74 @@ def test_simple_answers_are_recorded(store: Store) -> None:
     found = store.read(KEYS[0])
     assert found is not None
     assert found.answer.text == "line 1\nline 2"
-    assert found.provenance.answered_by == "written by hand"
+    assert found.provenance.answered_by == SAID
     assert found.provenance.mode == "batch"
     assert found.provenance.origin.subject == "reward 1"
     assert found.answer.prompt_tokens is None
     assert [request.key for request in load_pending(store)] == [KEYS[2]]
 
 
+@pytest.mark.parametrize(
+    ("answered_by", "said"),
+    [
+        (MODEL, SAID),
+        (
+            Answerer(" a language model, offline ", "shared", False),
+            "a language model, offline, through batch mode, several replies in one context; not an API model",
+        ),
+        (Answerer("Ada", "unknown", False), "Ada, through batch mode, contexts unknown; not an API model"),
+    ],
+)
+def test_who_answered_is_said(store: Store, answered_by: Answerer, said: str) -> None:
+    bring(store, simple(KEYS[0]), answered_by=answered_by)
+    found = store.read(KEYS[0])
+    assert found is not None
+    assert found.provenance.answered_by == said
+
+
+def test_the_model_of_a_batch_service_is_named(store: Store) -> None:
+    service = Answerer("batch 17", "fresh", True)
+    bring(store, response(KEYS[0], model="test-model-2026-01-31"), answered_by=service)
+    found = store.read(KEYS[0])
+    assert found is not None
+    expected = "test-model-2026-01-31 by batch 17, through batch mode, one fresh context per reply; an API model"
+    assert found.provenance.answered_by == expected
+
+
+def test_an_alias_of_the_profile_is_the_model(store: Store) -> None:
+    assert "`aliases` of the profile" in refused(store, response(KEYS[0], model="vendor/test-model"))
+    add_pending(store, [open_request(question, params(aliases=("vendor/test-model",))) for question in questions(1)])
+    assert bring(store, response(KEYS[0], model="vendor/test-model")) == [(KEYS[0], True)]
+
+
+def test_thoughts_that_use_up_the_limit_are_a_truncation(store: Store) -> None:
+    choice = {"index": 0, "message": {"role": "assistant", "content": ""}, "finish_reason": "length"}
+    bring(store, response(KEYS[0], choices=[choice]))
+    found = store.read(KEYS[0])
+    assert found is not None
+    assert (found.answer.text, found.truncated) == ("", True)
+
+
+def test_a_dialect_goes_out_with_the_export(store: Store) -> None:
+    asked = questions(1, temperature=None, limit="max_completion_tokens", extra={"reasoning_effort": "low"})
+    add_pending(store, [open_request(asked[0], params())])
+    (line,) = export_lines([item for item in load_pending(store) if item.key == asked[0].request.key]).splitlines()
+    body = json.loads(line)["body"]
+    assert set(body) == {"model", "messages", "top_p", "max_completion_tokens", "reasoning_effort"}
+
+
+def test_a_byte_order_mark_is_read_over(store: Store, tmp_path: Path) -> None:
+    path = tmp_path / "answers.jsonl"
+    path.write_bytes(b"\xef\xbb\xbf" + json.dumps(simple(KEYS[0])).encode() + b"\r\n")
+    import_answers(answer_lines(path), "answers.jsonl", MODEL, load_pending(store), store)
+    (tmp_path / f"{KEYS[1]}.txt").write_bytes(b"\xef\xbb\xbfa text\n")
+    import_answers(answer_lines(tmp_path), "texts", MODEL, load_pending(store), store)
+    found = [store.read(key) for key in KEYS]
+    assert [item and item.answer.text for item in found] == ["an answer", "a text", None]
+
+
 def test_provider_answers_are_recorded(store: Store) -> None:
-    assert bring(store, *[response(key) for key in KEYS], answered_by="batch 17") == [(key, True) for key in KEYS]
+    assert bring(store, *[response(key) for key in KEYS]) == [(key, True) for key in KEYS]
     found = store.read(KEYS[2])
     assert found is not None
     assert found.answer.text == f"reply to {KEYS[2][:4]}"
@@ -112,7 +177,7 @@ def test_answers_as_a_directory_of_texts(store: Store, tmp_path: Path) -> None:
     (directory / f"{KEYS[0]}.md").write_text("Größe\nb\n", encoding="utf-8")
     (directory / f"{KEYS[1]}.txt").write_text("c", encoding="utf-8")
     (directory / "notes.pdf").write_text("not an answer")
-    import_answers(answer_lines(directory), "answers", "me", load_pending(store), store)
+    import_answers(answer_lines(directory), "answers", MODEL, load_pending(store), store)
     found = [store.read(key) for key in KEYS]
     assert [item and item.answer.text for item in found] == ["Größe\nb", "c", None]
 
@@ -160,6 +225,10 @@ def test_contradiction_with_a_record_is_refused(store: Store) -> None:
         (response(KEYS[0], choices=[]), "one choice"),
         (response(KEYS[0], model="other-model"), "other-model"),
         ({**response(KEYS[0]), "error": {"message": "expired"}}, "expired"),
+        ({**response(KEYS[0]), "error": {"code": "batch_expired", "message": "too late"}}, "an error: too late"),
+        (failed(KEYS[0], 400, {"error": {"message": "prompt is too long"}}), "status 400: prompt is too long"),
+        (failed(KEYS[0], 500, "upstream broke"), "status 500: upstream broke"),
+        (failed(KEYS[0], 200, {"error": {"code": 429, "message": "slow down"}}), "status 429: slow down"),
         ({"custom_id": KEYS[0], "response": "x"}, "response object"),
         ({"custom_id": KEYS[0], "response": {"status_code": 200}}, "chat completion"),
     ],
@@ -181,13 +250,13 @@ def test_other_bytes_are_refused(store: Store, tmp_path: Path, content: bytes) -
     path = tmp_path / "answers.jsonl"
     path.write_bytes(content)
     with pytest.raises(AnswersError):
-        import_answers(answer_lines(path), "answers.jsonl", "me", load_pending(store), store)
+        import_answers(answer_lines(path), "answers.jsonl", MODEL, load_pending(store), store)
     assert list(store.all_keys()) == []
 
 
 def test_who_answered_must_be_said(store: Store) -> None:
     with pytest.raises(AnswersError, match="--answered-by"):
-        bring(store, simple(KEYS[0]), answered_by="  ")
+        bring(store, simple(KEYS[0]), answered_by=Answerer("  ", "fresh", False))
 
 
 def test_a_failed_write_records_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,8 @@
 """`porse llm` as people use it."""
 
 import json
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,12 +17,15 @@ from porse.cli import main
 from porse.errors import RepliesPending
 from porse.llm.ask import ask
 from porse.llm.cli import llm
+from porse.llm.request import Message
 from porse.llm.store import Store
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
 from tests.llm_server import ChatServer, failing, replying
 
 KEYS = [request(sample=k).key for k in range(3)]
-DOCUMENT = Path(__file__).parents[1] / "docs" / "llm-cache.md"
+WHO = ["--answered-by", "me", "--context", "fresh"]
+ROOT = Path(__file__).parents[1]
+DOCUMENT = ROOT / "docs" / "llm-cache.md"
 
 
 @pytest.fixture
@@ -67,7 +72,7 @@ def test_every_command_has_help_and_is_documented() -> None:
             assert isinstance(parameter, click.Argument) or parameter.help, f"{name} {parameter.name}"  # type: ignore[attr-defined]
 
 
-def test_by_hand_from_export_to_replay(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_offline_from_export_to_replay(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     ask_in_batch(store)
     assert [line.split()[0] for line in run("pending").stdout.splitlines()] == KEYS
     run("export", "requests.jsonl", "--prompts", "prompts")
@@ -75,14 +80,17 @@ def test_by_hand_from_export_to_replay(store: Store, monkeypatch: pytest.MonkeyP
     answers = [{"custom_id": line["custom_id"], "text": f"answer to {line['custom_id'][:4]}"} for line in exported]
     Path("answers.jsonl").write_text("".join(json.dumps(answer) + "\n" for answer in answers))
     assert "Fly to the target." in Path("prompts", f"{KEYS[0]}.prompt").read_text("utf-8")
-    report = run("import", "answers.jsonl", "--answered-by", "written by hand").stdout.splitlines()
+    who = ["--answered-by", "a language model, offline", "--context", "fresh"]
+    report = run("import", "answers.jsonl", *who).stdout.splitlines()
     assert report[0] == f"{KEYS[0]}  generate, iteration 1, reward 1: recorded, 14 characters"
     assert len(report) == 3
     assert run("pending").stdout == ""
     monkeypatch.setenv("PORSE_LLM_MODE", "frozen")
     replies = ask(questions(3), params(), store.cache_dir)
     assert [reply.text for reply in replies] == [f"answer to {key[:4]}" for key in KEYS]
-    assert {reply.answered_by for reply in replies} == {"written by hand"}
+    said = "a language model, offline, through batch mode, one fresh context per reply; not an API model"
+    assert {reply.answered_by for reply in replies} == {said}
+    assert said in run("stats").stdout
     run("verify")
 
 
@@ -102,13 +110,14 @@ def test_pending_is_forgotten_on_request(store: Store) -> None:
 def test_import_of_wrong_answers_writes_nothing(store: Store) -> None:
     ask_in_batch(store)
     Path("answers.jsonl").write_text(json.dumps({"custom_id": KEYS[0], "text": "a"}) + "\n{}\n")
-    assert "line 2: expected an object with a custom_id" in error("import", "answers.jsonl", "--answered-by", "me")
+    assert "line 2: expected an object with a custom_id" in error("import", "answers.jsonl", *WHO)
     assert list(store.all_keys()) == []
 
 
 def test_import_needs_to_know_who_answered(store: Store) -> None:
     Path("answers.jsonl").write_text("")
-    assert "--answered-by" in run("import", "answers.jsonl", code=2).stderr
+    assert "--answered-by" in run("import", "answers.jsonl", "--context", "fresh", code=2).stderr
+    assert "--context" in run("import", "answers.jsonl", "--answered-by", "me", code=2).stderr
 
 
 def test_verify_accepts_what_the_program_writes(store: Store) -> None:
@@ -116,6 +125,36 @@ def test_verify_accepts_what_the_program_writes(store: Store) -> None:
     store.supersede(record("new", sample=1))
     (store.cache_dir / "README.md").write_text("# Recorded replies\n")
     assert run("verify").stdout == "3 records, all as they were written\n"
+
+
+def git(*arguments: str, cwd: Path) -> None:
+    identity = [
+        "-c",
+        "user.name=a",
+        "-c",
+        "user.email=a@b.c",
+        "-c",
+        "commit.gpgsign=false",
+        "-c",
+        "init.defaultBranch=main",
+    ]
+    subprocess.run(["git", *identity, *arguments], cwd=cwd, check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("attributes", [True, False])
+def test_verify_accepts_a_clone_that_translates_line_ends(tmp_path: Path, attributes: bool) -> None:
+    origin, clone = tmp_path / "origin", tmp_path / "clone"
+    shutil.copytree(ROOT / "llm_cache", origin / "llm_cache")
+    Store(origin / "llm_cache").write(record("line\r\nanother\rand\n"))
+    if attributes:
+        shutil.copy(ROOT / ".gitattributes", origin)
+    git("init", cwd=origin)
+    git("add", "--all", ":!.porse", cwd=origin)
+    git("commit", "--message", "replies", cwd=origin)
+    git("clone", "--config", "core.autocrlf=true", str(origin), str(clone), cwd=tmp_path)
+    result = run("verify", "--cache", str(clone / "llm_cache"), code=0 if attributes else 1)
+    expected = "records, all as they were written" if attributes else "another layout"
+    assert expected in result.stdout
 
 
 def spoil(store: Store, how: str) -> None:
@@ -245,6 +284,30 @@ def test_stats_by_iteration_stage_and_model(store: Store) -> None:
     assert " ".join(lines[-1]) == "spent by this checkout: 0 replies, 0.000000 USD"
 
 
+def test_stats_say_how_different_the_samples_of_a_question_are(store: Store) -> None:
+    code = "```python\ndef f(x):\n    near = x\n    return near, {}\n```"
+    same = "Another text.\n```python\ndef f(x):\n    # nearer\n    close = x\n    return (close, {})\n```"
+    other = "```python\ndef f(x):\n    return -x, {}\n```"
+    for sample, text in enumerate([code, code, same, other]):
+        store.write(record(text, sample=sample))
+    store.write_all([record(text, messages=(Message("user", "b"),), sample=k) for k, text in enumerate("xy")])
+    store.write(record("alone", messages=(Message("user", "c"),)))
+    lines = run("stats").stdout.splitlines()
+    where = ["2", "generate", "reward", "3"]
+    start = next(index for index, line in enumerate(lines) if "different functions" in line)
+    # Four samples: two equal ones, one that differs in words, a comment, brackets and a name, and one that differs.
+    assert sorted(line.split() for line in lines[start + 1 : start + 3]) == [
+        [*where, "2", "2", "2"],
+        [*where, "4", "3", "2"],
+    ]
+    assert lines[start + 3] == "6 samples of 2 questions hold 4 different functions"
+
+
+def test_of_a_reply_that_was_cut_off_the_longer_one_is_the_sample(store: Store) -> None:
+    store.write_all([record("same"), record("cut", "length", sample=1), record("same", sample=1, max_tokens=200)])
+    assert "2 samples of 1 questions hold 1 different functions" in run("stats").stdout
+
+
 def test_stats_of_an_empty_cache(store: Store) -> None:
     assert "recorded: 0 replies" in run("stats").stdout
     assert "recorded: 0 replies" in run("stats", "--cache", "nowhere").stdout
@@ -282,30 +345,32 @@ def test_diff_of_two_conversations(store: Store) -> None:
     assert run("diff", KEYS[0], KEYS[0]).stdout == ""
 
 
-def test_refresh_by_hand(store: Store) -> None:
+def test_refresh_from_a_text(store: Store) -> None:
     store.write(record("old"))
     Path("answer.txt").write_text("new\n")
-    output = run("refresh", KEYS[0][:12], "--answer", "answer.txt", "--answered-by", "me").stdout
+    output = run("refresh", KEYS[0][:12], "--answer", "answer.txt", *WHO).stdout
     assert f"the old record is llm_cache/{KEYS[0][:2]}/{KEYS[0]}.1.json" in output
     found = store.read(KEYS[0])
     assert found is not None
-    assert (found.answer.text, found.provenance.mode, found.provenance.answered_by) == ("new", "refresh", "me")
+    assert (found.answer.text, found.provenance.mode) == ("new", "refresh")
+    assert found.provenance.answered_by == "me, through a text, one fresh context per reply; not an API model"
     assert "old" in store.path(KEYS[0]).with_name(f"{KEYS[0]}.1.json").read_text("utf-8")
     run("verify")
 
 
 @pytest.mark.parametrize("content", [b"", b" \n", b"\xff"])
-def test_refresh_by_hand_refuses_what_is_no_text(store: Store, content: bytes) -> None:
+def test_refresh_from_a_text_refuses_what_is_no_text(store: Store, content: bytes) -> None:
     store.write(record("old"))
     Path("answer.txt").write_bytes(content)
-    error("refresh", KEYS[0], "--answer", "answer.txt", "--answered-by", "me")
+    error("refresh", KEYS[0], "--answer", "answer.txt", *WHO)
     assert store.read(KEYS[0]) == record("old")
 
 
-def test_refresh_by_hand_needs_to_know_who_answered(store: Store) -> None:
+def test_refresh_from_a_text_needs_to_know_who_answered(store: Store) -> None:
     store.write(record("old"))
     Path("answer.txt").write_text("new")
-    assert "--answered-by" in run("refresh", KEYS[0], "--answer", "answer.txt", code=2).stderr
+    for half in ([], WHO[:2], WHO[2:]):
+        assert "--answered-by" in run("refresh", KEYS[0], "--answer", "answer.txt", *half, code=2).stderr
 
 
 def test_refresh_of_an_unknown_key(store: Store) -> None:

@@ -84,6 +84,41 @@ def test_damaged_database_is_rebuilt(store: Store, content: bytes) -> None:
     assert keys(store) == KEYS
 
 
+@pytest.mark.parametrize("content", [b"garbage" * 1000, b"SQLite format 3\x00" + b"\x00" * 5000])
+def test_damaged_database_behind_a_link_is_named_and_left_alone(store: Store, tmp_path: Path, content: bytes) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "cache.db").write_bytes(content)
+    store.state_dir.mkdir(exist_ok=True)
+    (store.state_dir / "llm-index").symlink_to(elsewhere)
+    assert keys(store) == KEYS, "frozen mode reads the files"
+    with pytest.raises(CacheError, match=r"llm-index, found: .*or the link of that name") as caught:
+        Index(store)
+    assert "\n" not in str(caught.value)
+    assert (elsewhere / "cache.db").read_bytes() == content
+
+
+def test_database_that_is_damaged_in_use_behind_a_link_is_named(store: Store, tmp_path: Path) -> None:
+    summaries(store)
+    database(store).parent.rename(tmp_path / "elsewhere")
+    (store.state_dir / "llm-index").symlink_to(tmp_path / "elsewhere")
+    with opened(store) as index:
+        for path in (tmp_path / "elsewhere").iterdir():
+            path.write_bytes(b"garbage" * 1000)
+        with pytest.raises(CacheError, match="or the link of that name"):
+            index.try_lock(KEYS[0])
+    assert keys(store) == KEYS
+
+
+def test_index_of_an_earlier_version_is_rebuilt(store: Store) -> None:
+    summaries(store)
+    for shard in store.shards():
+        names = sorted(os.listdir(store.cache_dir / shard))
+        row = {"names": names, "summaries": [[name[:64], ["m", 0.5, 0.9, 100, 0], [], ["s", 1, "r"]] for name in names]}
+        execute(store, "UPDATE Cache SET value = ? WHERE key = ?", json.dumps(row), f"shard:{shard}")
+    assert {len(summary.fields) for summary in summaries(store)} == {7}
+
+
 @pytest.mark.parametrize("part", [0.25, 0.5, 0.75, 0.9])
 def test_truncated_database_is_rebuilt(store: Store, part: float) -> None:
     summaries(store)

@@ -28,6 +28,20 @@ def edited(change: Callable[[dict[str, Any]], object], rehash: bool = False) -> 
     return json.dumps(document).encode()
 
 
+def price(document: dict[str, Any]) -> dict[str, Any]:
+    return document["provenance"]["price"]
+
+
+def test_a_reply_that_was_cut_off_before_its_first_letter_has_a_format_of_its_own() -> None:
+    written = record("", "length")
+    assert json.loads(written.render())["format"] == 2
+    assert json.loads(written.render())["reply"]["text"] == []
+    assert parse_record(written.render(), written.key, "x.json") == written
+    assert json.loads(DATA)["format"] == 1
+    with pytest.raises(CacheError, match="cut off before its first letter"):
+        parse_record(record("", "stop").render(), KEY, "x.json")
+
+
 def test_read_gives_what_was_written() -> None:
     assert parse_record(DATA, KEY, "x.json") == RECORD
 
@@ -82,15 +96,38 @@ def test_edit_is_refused(change: Callable[[dict[str, Any]], object]) -> None:
         (lambda document: document["request"].update(colour="red"), "record of format 1"),
         (lambda document: document["request"].pop("model"), "record of format 1"),
         (lambda document: document["reply"].pop("text"), "record of format 1"),
+        (lambda document: document.update(format=3), "format 3"),
         (lambda document: document.update(format=2), "format 2"),
+        (lambda document: document["reply"].update(text=[]), "a text, or in format 2"),
+        (lambda document: document["reply"].update(text="a text"), "list of lines"),
+        (lambda document: document["reply"].update(text=["a", 1]), "list of lines"),
+        (lambda document: document["request"]["messages"][0].update(content="a text"), "list of lines"),
+        (lambda document: document["reply"].update(prompt_tokens="abc"), "prompt_tokens to be a count or null"),
+        (lambda document: document["reply"].update(completion_tokens=[1]), "completion_tokens to be a count"),
+        (lambda document: document["reply"].update(completion_tokens=2**70), "completion_tokens to be a count"),
+        (lambda document: document["reply"].update(prompt_tokens=-1), "prompt_tokens to be a count"),
+        (lambda document: document["reply"].update(prompt_tokens=True), "prompt_tokens to be a count"),
+        (lambda document: document["reply"].update(prompt_tokens=1.5), "prompt_tokens to be a count"),
+        (lambda document: document["reply"].update(finish_reason=["stop"]), "finish_reason to be stop or length"),
+        (lambda document: price(document).update(usd_per_million_prompt_tokens="dear"), "prompt_tokens to be a price"),
+        (lambda document: price(document).update(usd_per_million_prompt_tokens=1e300), "prompt_tokens to be a price"),
+        (lambda document: price(document).update(usd_per_million_completion_tokens=None), "to be a price"),
+        (lambda document: document["provenance"].update(answered_by=7), "answered_by to be a text"),
+        (lambda document: document["provenance"].update(mode="guess"), "mode to be record, batch or refresh"),
+        (lambda document: document["provenance"].update(endpoint={}), "endpoint to be profile, override or none"),
+        (lambda document: document["provenance"]["origin"].update(iteration="one"), "iteration to be a count"),
+        (lambda document: document["provenance"]["origin"].update(iteration=2**70), "iteration to be a count"),
+        (lambda document: document["provenance"]["origin"].update(stage=None), "stage to be a text"),
         (lambda document: document.update(extra=1), "extra"),
         (lambda document: document.update(request=[]), "record of format 1"),
         (lambda document: document.update(key="0" * 64), "key"),
     ],
 )
 def test_edit_with_a_fitting_hash_is_refused(change: Callable[[dict[str, Any]], object], found: str) -> None:
-    with pytest.raises(CacheError, match=found):
+    with pytest.raises(CacheError, match=found) as caught:
         parse_record(edited(change, rehash=True), KEY, "x.json")
+    assert "The recorded reply x.json cannot be trusted" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_every_truncation_is_refused() -> None:

@@ -4,12 +4,13 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from porse.errors import ParamsError
 from porse.identity import content_id
-from porse.llm.request import REQUEST_SCHEMA, Message, Question, request_from_body
+from porse.llm.request import Message, Question, request_from_body, request_of
 from tests.llm_cases import ORIGIN, REQUEST, params, request
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "llm-cache.md"
@@ -40,7 +41,54 @@ def test_sample_participates() -> None:
 
 
 def test_schema_participates() -> None:
-    assert content_id("request", {**REQUEST.body(), "schema": REQUEST_SCHEMA + 1}) != REQUEST.key
+    assert content_id("request", {**REQUEST.body(), "schema": 2}) != REQUEST.key
+
+
+def test_limit_participates() -> None:
+    assert request(limit="max_completion_tokens").key != REQUEST.key
+
+
+def test_a_parameter_left_out_participates() -> None:
+    keys = {request(temperature=None).key, request(top_p=None).key, request(temperature=None, top_p=None).key}
+    assert len(keys | {REQUEST.key}) == 4
+
+
+def test_an_extra_field_participates() -> None:
+    keys = {request(extra={"reasoning_effort": effort}).key for effort in ("low", "high")}
+    assert len(keys | {REQUEST.key}) == 3
+
+
+def test_the_order_of_extra_fields_does_not() -> None:
+    one, two = {"a": 1, "b": {"c": [1], "d": None}}, {"b": {"d": None, "c": [1]}, "a": 1}
+    assert request(extra=one).key == request(extra=two).key
+
+
+def test_a_request_without_dialect_keeps_the_first_schema() -> None:
+    assert REQUEST.body()["schema"] == 1
+    assert set(REQUEST.body()) == {"schema", "model", "messages", "temperature", "top_p", "max_tokens", "sample"}
+
+
+def test_what_a_dialect_sends() -> None:
+    asked = request(temperature=None, limit="max_completion_tokens", extra={"thinking": {"type": "disabled"}})
+    assert asked.wire_body() == {
+        "model": "test-model",
+        "messages": [
+            {"role": "system", "content": "You write rewards.\nTorch only."},
+            {"role": "user", "content": "Fly to the target."},
+        ],
+        "top_p": 0.9,
+        "max_completion_tokens": 100,
+        "thinking": {"type": "disabled"},
+    }
+    assert asked.longer().wire_body()["max_completion_tokens"] == 200
+
+
+def test_the_dialect_of_a_profile_reaches_the_request() -> None:
+    llm = params(limit="max_completion_tokens", leave_out=("temperature",), extra={"reasoning_effort": "low"})
+    asked = request_of(llm, REQUEST.messages, 0)
+    assert asked == request(temperature=None, limit="max_completion_tokens", extra={"reasoning_effort": "low"})
+    assert request_of(params(), REQUEST.messages, 0) == REQUEST
+    assert request_of(params(aliases=("other",)), REQUEST.messages, 0).key == REQUEST.key
 
 
 def test_message_content_participates() -> None:
@@ -73,7 +121,9 @@ def test_base_url_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert request().key == REQUEST.key
 
 
-@pytest.mark.parametrize("name", ["TIMEOUT_S", "STAGE_TIMEOUT_S", "CONCURRENCY", "ATTEMPTS", "MODE"])
+@pytest.mark.parametrize(
+    "name", ["TIMEOUT_S", "STAGE_TIMEOUT_S", "CONCURRENCY", "ATTEMPTS", "MODE", "MAX_USD", "MAX_REQUESTS"]
+)
 def test_transport_does_not(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(f"PORSE_LLM_{name}", "7")
     assert request().key == REQUEST.key
@@ -100,8 +150,18 @@ def test_key_is_64_hexadecimal_digits() -> None:
     assert re.fullmatch(r"[0-9a-f]{64}", REQUEST.key)
 
 
-def test_body_and_back() -> None:
-    assert request_from_body(REQUEST.body()) == REQUEST
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"temperature": None},
+        {"top_p": None},
+        {"limit": "max_completion_tokens"},
+        {"extra": {"a": [1, {"b": None}]}},
+    ],
+)
+def test_body_and_back(changes: dict[str, Any]) -> None:
+    assert request_from_body(request(**changes).body()) == request(**changes)
 
 
 @pytest.mark.parametrize(("body", "key"), golden_vectors())
@@ -110,7 +170,7 @@ def test_golden_vectors_of_the_documentation(body: str, key: str) -> None:
 
 
 def test_documentation_holds_golden_vectors() -> None:
-    assert len(golden_vectors()) >= 3
+    assert [json.loads(body)["schema"] for body, _ in golden_vectors()] == [1, 1, 1, 2, 2]
 
 
 @pytest.mark.parametrize(
@@ -129,6 +189,11 @@ def test_documentation_holds_golden_vectors() -> None:
         ("max_tokens", 0),
         ("max_tokens", 10.0),
         ("sample", -1),
+        ("limit", ""),
+        ("limit", "stream"),
+        ("extra", {"temperature": 0.1}),
+        ("extra", {"n": 4}),
+        ("extra", []),
     ],
 )
 def test_value_out_of_range_is_named(field: str, value: object) -> None:
@@ -136,9 +201,17 @@ def test_value_out_of_range_is_named(field: str, value: object) -> None:
         request(**{field: value})
 
 
-def test_other_schema_is_refused() -> None:
+@pytest.mark.parametrize(
+    "changes", [{"schema": 3}, {"schema": True}, {"schema": 2, "limit": "max_tokens", "extra": {}}]
+)
+def test_other_schema_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(ParamsError, match="schema"):
-        request_from_body({**REQUEST.body(), "schema": REQUEST_SCHEMA + 1})
+        request_from_body({**REQUEST.body(), **changes})
+
+
+def test_a_limit_has_one_name_only() -> None:
+    with pytest.raises(ParamsError, match="found 'max_completion_tokens'"):
+        request(limit="max_completion_tokens", extra={"max_completion_tokens": 9})
 
 
 def test_half_a_surrogate_pair_is_refused() -> None:

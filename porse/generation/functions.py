@@ -15,7 +15,7 @@ from porse.config import Params
 from porse.errors import SearchError
 from porse.generation.answers import answers
 from porse.generation.conversations import Brief, conversation, repair
-from porse.llm.request import Message, Origin, Question, Reply, Request
+from porse.llm.request import Message, Origin, Question, Reply, request_of
 from porse.search.schedule import asked_kinds, is_searched
 from porse.tables import Row
 
@@ -158,9 +158,7 @@ def _generation(number: int, params: Params) -> int:
 
 
 def _question(params: Params, messages: tuple[Message, ...], sample: int, origin: Origin) -> Question:
-    llm = params.llm
-    request = Request(llm.model, messages, llm.temperature, llm.top_p, llm.max_tokens, sample)
-    return Question(request, origin)
+    return Question(request_of(params.llm, messages, sample), origin)
 
 
 def reply_row(iteration: int, kind: str, slot: int, number: int, reply: Reply) -> Row:

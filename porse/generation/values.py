@@ -10,7 +10,7 @@ from typing import Any
 from porse.config import Params
 from porse.errors import SearchError
 from porse.generation.answers import answers
-from porse.llm.request import Message, Origin, Question, Reply, Request
+from porse.llm.request import Message, Origin, Question, Reply, request_of
 from porse.prompts import number, numbers, render
 from porse.search.feedback import Series
 from porse.search.schedule import ALPHA, BETA
@@ -58,10 +58,11 @@ def propose(messages: tuple[Message, ...], varied: str, params: Params, iteratio
     Raises:
         SearchError: no reply held usable values.
     """
-    llm, replies, reason = params.llm, list[Reply](), ""
+    replies, reason = list[Reply](), ""
     for sample in range(params.mutate.max_fresh + 1):
-        request = Request(llm.model, messages, llm.temperature, llm.top_p, llm.max_tokens, sample)
-        question = Question(request, Origin("mutate", iteration, f"{varied}, attempt {sample}"))
+        question = Question(
+            request_of(params.llm, messages, sample), Origin("mutate", iteration, f"{varied}, attempt {sample}")
+        )
         [reply] = answers([varied], [question], params, cache)
         replies.append(reply)
         try:

@@ -115,7 +115,7 @@ def _replies_pending(missing: list[Question], params: LlmParams, store: Store) -
     return RepliesPending(
         f"Expected a recorded reply to every request, found none for {len(missing)}: {_named(missing)}. They are "
         f"written to {store.state_dir / 'pending'}. Run `porse llm export requests.jsonl`, have them answered, run "
-        "`porse llm import answers.jsonl --answered-by TEXT`, and then `dvc repro` again with PORSE_LLM_MODE=batch."
+        "`porse llm import answers.jsonl --answered-by TEXT --context fresh`, and then `dvc repro` again with PORSE_LLM_MODE=batch."
     )
 
 

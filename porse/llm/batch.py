@@ -1,7 +1,7 @@
 """Batch mode's files: open requests out, answers in, accepted whole or not at all.
 
-Out goes OpenAI's batch format, one request a line. In come that format's output lines, or lines that a person writes
-with ease: `{"custom_id": KEY, "text": "..."}`, `text` being a text or a list of lines.
+Out goes OpenAI's batch format, one request a line. In come that format's output lines, or lines that are written with
+ease: `{"custom_id": KEY, "text": "..."}`, `text` being a text or a list of lines.
 """
 
 import json
@@ -11,14 +11,32 @@ from pathlib import Path
 from typing import Any
 
 from porse.errors import AnswersError, ProviderError
-from porse.llm.clock import utc_now
-from porse.llm.completion import Completion, check_text, read_completion
+from porse.llm.completion import Completion, EndpointError, check_text, read_completion, read_error
 from porse.llm.pending import OpenRequest, remove_pending
-from porse.llm.record import Answer, Provenance, Record
+from porse.llm.record import Answer, Provenance, Record, answerer, utc_now
 from porse.llm.store import KEY_PATTERN, Store
-from porse.llm.wire import wire_body
 
 BATCH_URL = "/v1/chat/completions"
+
+
+@dataclass(frozen=True)
+class Answerer:
+    """Who answered a file of requests, as the records will say.
+
+    Attributes:
+        who: "a language model, offline", say.
+        context: what it had seen before each reply, a key of `porse.llm.record.CONTEXTS`.
+        is_api_model: whether it is a model behind a public API.
+    """
+
+    who: str
+    context: str
+    is_api_model: bool
+
+    def of(self, model: str) -> str:
+        """Returns the text for one reply; `model` is what the reply itself names, "" for none."""
+        who = self.who.strip()
+        return answerer(f"{model} by {who}" if model else who, "batch mode", self.context, self.is_api_model)
 
 
 @dataclass(frozen=True)
@@ -42,7 +60,7 @@ def export_lines(requests: Iterable[OpenRequest]) -> str:
                 "custom_id": request.key,
                 "method": "POST",
                 "url": BATCH_URL,
-                "body": wire_body(request.question.request),
+                "body": request.question.request.wire_body(),
             },
             ensure_ascii=False,
         )
@@ -68,19 +86,20 @@ def answer_lines(source: Path) -> list[tuple[str, str]]:
 
 
 def answer_text(path: Path) -> str:
-    """Returns the text in a file, without the newline that an editor puts at its end.
+    """Returns the text in a file, without the byte order mark and the last newline that editors add.
 
     Raises:
         AnswersError: the file cannot be read as UTF-8.
     """
     try:
-        return path.read_bytes().decode().removesuffix("\n")
+        # Some editors put a mark at the start and a newline at the end.
+        return path.read_bytes().decode("utf-8-sig").removesuffix("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise AnswersError(f"Expected UTF-8 in {path}, found: {error}. Nothing was recorded.") from error
 
 
 def import_answers(
-    lines: list[tuple[str, str]], where: str, answered_by: str, requests: Iterable[OpenRequest], store: Store
+    lines: list[tuple[str, str]], where: str, answered_by: Answerer, requests: Iterable[OpenRequest], store: Store
 ) -> list[Accepted]:
     """Records all the answers or none; returns them in their order.
 
@@ -95,7 +114,7 @@ def import_answers(
         AnswersError: a line is no answer, its id is not open, stands twice, or is recorded with another reply; every
             such line is named.
     """
-    if not answered_by.strip():
+    if not answered_by.who.strip():
         raise AnswersError("Expected a text that says who answered, found none. Pass it by `--answered-by TEXT`.")
     known = {request.key: request for request in requests}
     accepted: list[Accepted] = []
@@ -108,7 +127,7 @@ def import_answers(
                 raise ValueError(f"id {key[:12]} stands in {labels[key]} already")
             labels[key] = label
             accepted.append(_accept(key, answer, answered_by, known, store))
-        except (ValueError, ProviderError) as error:
+        except (ValueError, ProviderError, EndpointError) as error:
             problems.append(f"{label}: {error}")
     if not lines:
         problems.append("no answer at all")
@@ -133,7 +152,7 @@ def _parse_line(line: str) -> tuple[str, Completion]:
     if not KEY_PATTERN.fullmatch(key):
         raise ValueError(f"no open request has the id {key[:80]!r}; `porse llm pending` lists them")
     if document.get("error") is not None:
-        raise ValueError(f"{key[:12]} came back as an error: {json.dumps(document['error'])[:200]}")
+        raise ValueError(f"{key[:12]} came back as {read_error(0, document)}")
     if "response" in document:
         return key, _parse_response(key, document["response"])
     text = document.get("text")
@@ -151,14 +170,14 @@ def _parse_line(line: str) -> tuple[str, Completion]:
 def _parse_response(key: str, response: Any) -> Completion:
     if not isinstance(response, dict):
         raise ValueError(f"expected a response object for {key[:12]}, found {response!r}")
-    status = response.get("status_code", 200)
+    status, body = response.get("status_code", 200), response.get("body")
     if status != 200:
-        raise ValueError(f"{key[:12]} came back with status {status}")
-    return read_completion(response.get("body"))
+        raise ValueError(f"{key[:12]} came back with {read_error(status, body)}")
+    return read_completion(body)
 
 
 def _accept(
-    key: str, completion: Completion, answered_by: str, known: dict[str, OpenRequest], store: Store
+    key: str, completion: Completion, answered_by: Answerer, known: dict[str, OpenRequest], store: Store
 ) -> Accepted:
     recorded = store.read(key)
     if recorded is not None:
@@ -168,9 +187,9 @@ def _accept(
     if key not in known:
         raise ValueError(f"no open request has the id {key[:12]}; `porse llm pending` lists them")
     request = known[key]
-    completion.check_model(request.question.request.model)
+    completion.check_model(request.question.request.model, request.aliases)
     provenance = Provenance(
-        answered_by=answered_by.strip(),
+        answered_by=answered_by.of(completion.model),
         mode="batch",
         profile=request.profile,
         endpoint="none",

@@ -12,12 +12,14 @@ import click
 
 from porse.config import LlmParams, load_params
 from porse.errors import ParamsError, TableError
-from porse.llm.batch import answer_lines, answer_text, export_lines, import_answers
-from porse.llm.ledger import total_spending
+from porse.llm.batch import Answerer, answer_lines, answer_text, export_lines, import_answers
+from porse.llm.ledger import totals
 from porse.llm.pending import load_pending, remove_pending
-from porse.llm.refresh import refresh_by_hand, refresh_from_endpoint
+from porse.llm.record import CONTEXTS, answerer
+from porse.llm.refresh import refresh_from_endpoint, refresh_from_text
+from porse.llm.sampling import samples
 from porse.llm.show import conversation, open_conversation
-from porse.llm.stats import by_model, by_place, table, total
+from porse.llm.stats import by_model, by_place, samples_table, spending_table, total
 from porse.llm.store import Store
 from porse.llm.verify import verify as verify_cache
 
@@ -30,6 +32,11 @@ CACHE = click.option(
     default=Path("llm_cache"),
     show_default=True,
     help="Directory of recorded replies.",
+)
+
+CONTEXT_HELP = (
+    "What whoever answered had seen before each reply: `fresh`, nothing but its question; `shared`, other questions and "
+    "replies; or `unknown`."
 )
 
 
@@ -74,16 +81,19 @@ def export(cache_dir: Path, prompts: Path | None, target: IO[str]) -> None:
 
 @llm.command("import")
 @CACHE
-@click.option("--answered-by", required=True, help='Who answered, for the records: "written by hand".')
+@click.option("--answered-by", required=True, help='Who answered, for the records: "a language model, offline".')
+@click.option("--context", type=click.Choice(list(CONTEXTS)), required=True, help=CONTEXT_HELP)
+@click.option("--api-model", is_flag=True, help="A model behind a public API answered.")
 @click.argument("source", type=click.Path(path_type=Path, exists=True))
-def import_(cache_dir: Path, answered_by: str, source: Path) -> None:
+def import_(cache_dir: Path, answered_by: str, context: str, api_model: bool, source: Path) -> None:
     """Record the answers in SOURCE, all of them or none.
 
     SOURCE is a JSONL file, either OpenAI batch output or lines {"custom_id": KEY, "text": TEXT or LIST OF LINES}, or a
     directory with one text <key>.md or <key>.txt for each answer.
     """
     store = Store(cache_dir)
-    for item in import_answers(answer_lines(source), str(source), answered_by, load_pending(store), store):
+    who = Answerer(answered_by, context, api_model)
+    for item in import_answers(answer_lines(source), str(source), who, load_pending(store), store):
         record, state = item.record, "recorded" if item.fresh else "was recorded before"
         click.echo(f"{record.key}  {record.provenance.origin}: {state}, {len(record.answer.text)} characters")
 
@@ -107,7 +117,7 @@ def verify(cache_dir: Path, used: tuple[Path, ...]) -> None:
 @CACHE
 @click.option("--list", "list_keys", is_flag=True, help="List all keys instead.")
 def stats(cache_dir: Path, list_keys: bool) -> None:
-    """Show requests, tokens and cost by iteration, stage and model."""
+    """Show requests, tokens and cost, who answered what, and how different the samples of a question are."""
     store = Store(cache_dir)
     records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
     if list_keys:
@@ -115,13 +125,23 @@ def stats(cache_dir: Path, list_keys: bool) -> None:
             click.echo(f"{record.key}  {record.provenance.origin}")
         return
     lines = by_place(records)
-    recorded, spent = total(lines), total_spending(store)
-    click.echo(table(("iteration", "stage"), lines))
+    recorded, ledger = total(lines), totals(store)
+    click.echo(spending_table(("iteration", "stage"), lines))
     click.echo()
-    click.echo(table(("model", "answered by"), by_model(records)))
+    click.echo(spending_table(("model", "answered by"), by_model(records)))
     click.echo()
+    several = samples(records)
+    if several:
+        click.echo(samples_table(several))
+        count, functions = sum(entry.count for entry in several), sum(entry.functions for entry in several)
+        click.echo(f"{count} samples of {len(several)} questions hold {functions} different functions")
+        click.echo()
     click.echo(f"recorded: {recorded.replies} replies, {recorded.cost_usd:.6f} USD")
-    click.echo(f"spent by this checkout: {spent.replies} replies, {spent.cost_usd:.6f} USD")
+    if ledger.reserved:
+        click.echo(
+            f"sent without an answer: {len(ledger.reserved)} requests, up to {sum(ledger.reserved.values()):.6f} USD"
+        )
+    click.echo(f"spent by this checkout: {ledger.spending.replies} replies, {ledger.spending.cost_usd:.6f} USD")
 
 
 @llm.command()
@@ -157,19 +177,27 @@ def diff(cache_dir: Path, key: str, other: str) -> None:
 @click.option("--profile", help="Profile to ask instead of llm.profile.")
 @click.option("--answer", type=FILE, help="Take the new reply from this text instead of asking an endpoint.")
 @click.option("--answered-by", help="Who wrote the text of --answer.")
+@click.option("--context", type=click.Choice(list(CONTEXTS)), help=CONTEXT_HELP)
 @click.argument("key")
 def refresh(
-    cache_dir: Path, params_path: Path, profile: str | None, answer: Path | None, answered_by: str | None, key: str
+    cache_dir: Path,
+    params_path: Path,
+    profile: str | None,
+    answer: Path | None,
+    answered_by: str | None,
+    context: str | None,
+    key: str,
 ) -> None:
     """Replace one recorded reply; the old record is kept beside it as <key>.<n>.json."""
     store = Store(cache_dir)
     whole_key = store.find(key)
     if answer is None:
         kept = refresh_from_endpoint(whole_key, _llm_params(params_path, profile), store)
-    elif answered_by:
-        kept = refresh_by_hand(whole_key, answer_text(answer), answered_by, store)
+    elif answered_by and context:
+        who = answerer(answered_by, "a text", context, is_api_model=False)
+        kept = refresh_from_text(whole_key, answer_text(answer), who, store)
     else:
-        raise click.UsageError("--answer needs --answered-by")
+        raise click.UsageError("--answer needs --answered-by and --context")
     click.echo(f"{whole_key}: replaced, the old record is {kept}")
 
 

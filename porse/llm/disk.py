@@ -85,7 +85,7 @@ def open_disk(directory: Path) -> Any:
 
 
 def discard_disk(directory: Path) -> None:
-    """Deletes a damaged database; everything in it can be rebuilt."""
+    """Deletes a damaged database, unless the directory is a link; everything in it can be rebuilt."""
     shutil.rmtree(directory, ignore_errors=True)
 
 

@@ -20,7 +20,7 @@ import diskcache
 
 from porse.errors import CacheError
 from porse.llm.disk import BUSY_S, RowRefusedError, discard_disk, is_damage, open_disk
-from porse.llm.nearest import Summary, summarise
+from porse.llm.nearest import SCALARS, Summary, summarise
 from porse.llm.store import Store
 
 T = TypeVar("T")
@@ -76,28 +76,48 @@ class Index:
             return open_disk(self._directory)
         except (sqlite3.DatabaseError, OSError) as error:
             if not is_damage(error):
-                raise CacheError(
-                    f"Expected to write the index of recorded replies in {self._directory}, found: {error}. Frozen "
-                    "mode needs no index; record mode needs a checkout that it can write."
-                ) from error
+                raise self._unusable(error) from error
+        return self._rebuilt()
+
+    def _rebuilt(self) -> Any:
+        """Returns a new database in the place of a damaged one.
+
+        A directory that is linked from elsewhere is not ours to delete, so what is damaged there stays damaged.
+        """
         discard_disk(self._directory)
-        return open_disk(self._directory)
+        try:
+            return open_disk(self._directory)
+        except (sqlite3.DatabaseError, OSError) as error:
+            raise self._unusable(error) from error
+
+    def _unusable(self, error: Exception) -> CacheError:
+        return CacheError(
+            f"Expected to write the index of recorded replies in {self._directory}, found: {error}. Delete that directory, "
+            "or the link of that name: the index is rebuilt from the record files. Frozen mode needs no index; record mode "
+            "needs a checkout that it can write."
+        )
 
     def _run(self, use: Callable[[Any], T]) -> T:
         try:
-            return use(self._disk)
+            return self._used(use)
         except (sqlite3.DatabaseError, RowRefusedError) as error:
             if not is_damage(error):
-                raise CacheError(f"Expected a working index in {self._directory}, found: {error}.") from error
+                raise self._unusable(error) from error
+        self._disk.close()
+        self._disk = self._rebuilt()
+        try:
+            return self._used(use)
+        except (sqlite3.DatabaseError, RowRefusedError) as error:
+            raise self._unusable(error) from error
+
+    def _used(self, use: Callable[[Any], T]) -> T:
+        try:
+            return use(self._disk)
         except diskcache.Timeout as error:
             raise CacheError(
                 f"Expected the index in {self._directory} to answer within {BUSY_S:g} s, found it locked. End the "
                 "process that holds it, or delete that directory: it is rebuilt from the record files."
             ) from error
-        self._disk.close()
-        discard_disk(self._directory)
-        self._disk = self._open()
-        return use(self._disk)
 
 
 def _shard_reader(store: Store, shard: str) -> Callable[[Any], list[Summary]]:
@@ -123,10 +143,12 @@ def _known_summaries(row: str, names: list[str]) -> list[Summary] | None:
     try:
         if document["names"] != names:
             return None
-        return [
+        found = [
             Summary(key, tuple(fields), tuple(messages), tuple(origin))
             for key, fields, messages, origin in document["summaries"]
         ]
+        # An earlier version knew fewer fields.
+        return found if all(len(summary.fields) == len(SCALARS) for summary in found) else None
     except (KeyError, TypeError, ValueError) as error:
         raise RowRefusedError("a row of another form") from error
 
@@ -187,8 +209,7 @@ def _started(process: int) -> str:
 def summaries(store: Store) -> list[Summary]:
     """Returns the summaries of all records, through the index where it can be written, from the files where not."""
     try:
-        index = Index(store)
+        with contextlib.closing(Index(store)) as index:
+            return index.summaries()
     except CacheError:
         return [summary for shard in store.shards() for summary in _scan(store, store.shard_keys(shard))]
-    with contextlib.closing(index):
-        return index.summaries()

@@ -19,7 +19,7 @@ EXCERPT = 60
 
 DIGEST_LENGTH = 16
 
-SCALARS = ("model", "temperature", "top_p", "max_tokens", "sample")
+SCALARS = ("model", "temperature", "top_p", "max_tokens", "sample", "limit", "extra")
 
 
 @dataclass(frozen=True)

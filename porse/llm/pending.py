@@ -20,11 +20,13 @@ class OpenRequest:
         question: the request and where it is asked.
         profile: name of the profile that asks.
         price: the profile's prices.
+        aliases: names under which the profile's endpoint may answer for the model.
     """
 
     question: Question
     profile: str
     price: Price
+    aliases: tuple[str, ...]
 
     @property
     def key(self) -> str:
@@ -34,7 +36,7 @@ class OpenRequest:
 
 def open_request(question: Question, params: LlmParams) -> OpenRequest:
     """Returns the open request of a question under the chosen profile."""
-    return OpenRequest(question, params.profile, price_of(params))
+    return OpenRequest(question, params.profile, price_of(params), params.profiles[params.profile].aliases)
 
 
 def price_of(params: LlmParams) -> Price:
@@ -59,6 +61,7 @@ def add_pending(store: Store, requests: list[OpenRequest]) -> None:
             "origin": asdict(request.question.origin),
             "profile": request.profile,
             "price": asdict(request.price),
+            "aliases": list(request.aliases),
         }
         text = json.dumps(document, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
         temporary = directory / f".{request.key}.{os.getpid()}"
@@ -95,7 +98,8 @@ def _load(path: Path) -> OpenRequest:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         question = Question(request_from_body(document["request"]), Origin(**document["origin"]))
-        request = OpenRequest(question, document["profile"], Price(**document["price"]))
+        price, aliases = Price(**document["price"]), tuple(document["aliases"])
+        request = OpenRequest(question, document["profile"], price, aliases)
     except (ValueError, KeyError, TypeError, ParamsError) as error:
         raise CacheError(_damaged(path, repr(error))) from error
     if request.key != path.stem:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from porse.config import LlmParams
 from porse.errors import CacheError, ProviderError
-from porse.llm.clock import utc_now
-from porse.llm.completion import Completion
+from porse.llm.completion import Completion, HopelessError
 from porse.llm.index import Index
-from porse.llm.ledger import Spending, add_spending
+from porse.llm.ledger import Account
 from porse.llm.pending import price_of
-from porse.llm.provider import HopelessError, Provider
-from porse.llm.record import Price, Provenance, Record
+from porse.llm.provider import Provider
+from porse.llm.record import Price, Provenance, Record, utc_now
 from porse.llm.request import Origin, Question, Request
 from porse.llm.store import Store
 from porse.llm.transport import Transport, transport_from_environment
@@ -52,6 +51,11 @@ def record_replies(questions: Sequence[Question], params: LlmParams, store: Stor
         raise _provider_error(failures, len(distinct), transport)
 
 
+def open_account(store: Store, transport: Transport, price: Price) -> Account:
+    """Returns the checkout's account, with the budgets of the environment."""
+    return Account(store, price, transport.max_usd, transport.max_requests)
+
+
 def make_record(
     question: Question, completion: Completion, transport: Transport, price: Price, mode: str = "record"
 ) -> Record:
@@ -82,7 +86,7 @@ class _Recorder:
     async def record_all(self, questions: list[Question]) -> list[tuple[Origin, Exception]]:
         """Records all replies; returns the failures in the order of the questions."""
         slots = asyncio.Semaphore(self.transport.concurrency)
-        async with Provider(self.transport) as provider:
+        async with Provider(self.transport, open_account(self.store, self.transport, self.price)) as provider:
             tasks = [asyncio.ensure_future(self._record_whole(question, provider, slots)) for question in questions]
             _, late = await asyncio.wait(tasks, timeout=self.transport.stage_timeout_s)
             for task in late:
@@ -132,13 +136,12 @@ class _Recorder:
             self.hopeless = error
             raise
         record = make_record(question, completion, self.transport, self.price)
-        if self.transport.api_key.encode() in record.render():
+        if self.transport.api_key and self.transport.api_key.encode() in record.render():
             raise CacheError(
                 f"Expected a reply without secrets for {question.origin}, found the API key itself in the request or "
                 "the reply. Nothing was recorded: remove the key from the prompt."
             )
         self.store.write(record)
-        add_spending(self.store, Spending.of(record))
         logger.info("%s: recorded, %d characters", question.origin, len(record.answer.text))
         return record
 

@@ -6,18 +6,16 @@ from pathlib import Path
 
 from porse.config import LlmParams
 from porse.errors import CacheError, ParamsError
-from porse.llm.clock import utc_now
 from porse.llm.completion import Completion, check_text
 from porse.llm.index import Index
-from porse.llm.ledger import Spending, add_spending
 from porse.llm.pending import price_of
-from porse.llm.record import Answer, Provenance, Record
+from porse.llm.record import Answer, Price, Provenance, Record, utc_now
 from porse.llm.request import Question
 from porse.llm.store import Store
 from porse.llm.transport import Transport, transport_from_environment
 
 
-def refresh_by_hand(key: str, text: str, answered_by: str, store: Store) -> Path:
+def refresh_from_text(key: str, text: str, answered_by: str, store: Store) -> Path:
     """Replaces a reply by a text; returns the file that holds the old record.
 
     Raises:
@@ -57,18 +55,17 @@ def refresh_from_endpoint(key: str, params: LlmParams, store: Store) -> Path:
             f"profile {params.profile!r} of model {params.model!r}. Choose another by `--profile NAME`."
         )
     transport = transport_from_environment(params)
-    completion = asyncio.run(_complete(old, transport))
+    price = price_of(params)
+    completion = asyncio.run(_complete(old, transport, price, store))
     question = Question(old.request, old.provenance.origin)
-    record = make_record(question, completion, transport, price_of(params), mode="refresh")
-    kept = _replace(record, store)
-    add_spending(store, Spending.of(record))
-    return kept
+    return _replace(make_record(question, completion, transport, price, mode="refresh"), store)
 
 
-async def _complete(old: Record, transport: Transport) -> Completion:
+async def _complete(old: Record, transport: Transport, price: Price, store: Store) -> Completion:
     from porse.llm.provider import Provider
+    from porse.llm.recording import open_account
 
-    async with Provider(transport) as provider:
+    async with Provider(transport, open_account(store, transport, price)) as provider:
         return await provider.complete(old.request)
 
 

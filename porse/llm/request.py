@@ -6,15 +6,25 @@ API key, time-outs, retries) and the place in the run (`Origin`) stay out of it:
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
+from porse.config import LlmParams
 from porse.errors import ParamsError
 from porse.identity import content_id
 
-REQUEST_SCHEMA = 1
-"""Version of the request body. It is part of the body, so a new version gives every request a new key."""
+PLAIN_SCHEMA, DIALECT_SCHEMA = 1, 2
+"""Versions of the request body: of a request in the common protocol, and of one in a model's dialect.
+
+The version is part of the body and so of the key. What needs no dialect keeps version 1, and its key, for ever.
+"""
+
+PLAIN_LIMIT = "max_tokens"
+"""What the common protocol calls the limit on a reply."""
+
+OWN_FIELDS = frozenset({"model", "messages", "temperature", "top_p", "max_tokens", "stream", "n"})
+"""What no extra field may name: a request has fields of its own for these, one reply, and no stream."""
 
 LONGER_FACTOR = 2
 """A truncated reply is asked for once more with this many times the limit on its length."""
@@ -37,18 +47,22 @@ class Request:
     Attributes:
         model: the model's name, as the endpoint knows it.
         messages: the conversation, at least one message.
-        temperature: sampling temperature, in [0, 2].
-        top_p: nucleus sampling mass, in (0, 1].
+        temperature: sampling temperature, in [0, 2]; None where the model takes none.
+        top_p: nucleus sampling mass, in (0, 1]; None where the model takes none.
         max_tokens: limit on the reply's length, in tokens.
         sample: index of the sample, 0 and up: K samples of one prompt are K requests with K keys.
+        limit: what the model calls `max_tokens`.
+        extra: further fields that are sent as they are, JSON values by name.
     """
 
     model: str
     messages: tuple[Message, ...]
-    temperature: float
-    top_p: float
+    temperature: float | None
+    top_p: float | None
     max_tokens: int
     sample: int
+    limit: str = PLAIN_LIMIT
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks every field.
@@ -61,23 +75,45 @@ class Request:
         for message in self.messages:
             _check(message.role in get_args(Role), "role", " or ".join(get_args(Role)), message.role)
             _check(isinstance(message.content, str), "content", "a text", message.content)
-        _check(_is_number(self.temperature) and 0 <= self.temperature <= 2, "temperature", "0 to 2", self.temperature)
-        _check(_is_number(self.top_p) and 0 < self.top_p <= 1, "top_p", "above 0, at most 1", self.top_p)
+        heat, mass = self.temperature, self.top_p
+        _check(heat is None or (_is_number(heat) and 0 <= heat <= 2), "temperature", "0 to 2", heat)
+        _check(mass is None or (_is_number(mass) and 0 < mass <= 1), "top_p", "above 0, at most 1", mass)
         _check(_is_count(self.max_tokens) and self.max_tokens >= 1, "max_tokens", "a count from 1", self.max_tokens)
         _check(_is_count(self.sample) and self.sample >= 0, "sample", "an index from 0", self.sample)
+        _check(isinstance(self.limit, str) and self.limit != "", "limit", "a name", self.limit)
+        _check(isinstance(self.extra, Mapping), "extra", "JSON values by name", self.extra)
+        clash = sorted((OWN_FIELDS | {self.limit}) & set(self.extra))
+        _check(not clash, "extra", "free of the fields that have a place of their own", ", ".join(clash))
+        own = self.limit != PLAIN_LIMIT and self.limit in OWN_FIELDS
+        _check(not own, "limit", "a name that no other field has", self.limit)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the request is in the common protocol, without any dialect."""
+        sampled = self.temperature is not None and self.top_p is not None
+        return sampled and self.limit == PLAIN_LIMIT and not self.extra
 
     def body(self) -> dict[str, Any]:
         """Returns the canonical body: all that the key depends on, the schema version among it."""
+        # The sum turns -0.0 into 0.0 and an int into a float, so that equal numbers give one key.
+        sampling = {"temperature": self.temperature, "top_p": self.top_p}
         return {
-            "schema": REQUEST_SCHEMA,
+            "schema": PLAIN_SCHEMA if self.is_plain else DIALECT_SCHEMA,
             "model": self.model,
             "messages": [{"role": message.role, "content": message.content} for message in self.messages],
-            # The sum turns -0.0 into 0.0 and an int into a float, so that equal numbers give one key.
-            "temperature": self.temperature + 0.0,
-            "top_p": self.top_p + 0.0,
+            **{name: value + 0.0 for name, value in sampling.items() if value is not None},
             "max_tokens": self.max_tokens,
             "sample": self.sample,
+            **({} if self.is_plain else {"limit": self.limit, "extra": dict(self.extra)}),
         }
+
+    def wire_body(self) -> dict[str, Any]:
+        """Returns what is sent to an endpoint: the canonical body without what only the key needs, in the dialect."""
+        body = {
+            name: value for name, value in self.body().items() if name not in ("schema", "sample", "limit", "extra")
+        }
+        body[self.limit] = body.pop(PLAIN_LIMIT)
+        return {**body, **self.extra}
 
     @cached_property
     def key(self) -> str:
@@ -99,6 +135,21 @@ class Request:
         return replace(self, max_tokens=self.max_tokens * LONGER_FACTOR)
 
 
+def request_of(llm: LlmParams, messages: tuple[Message, ...], sample: int) -> Request:
+    """Returns the request of a conversation to the chosen profile's model, in its dialect."""
+    profile = llm.profiles[llm.profile]
+    return Request(
+        model=profile.model,
+        messages=messages,
+        temperature=None if "temperature" in profile.leave_out else llm.temperature,
+        top_p=None if "top_p" in profile.leave_out else llm.top_p,
+        max_tokens=llm.max_tokens,
+        sample=sample,
+        limit=profile.limit,
+        extra=profile.extra,
+    )
+
+
 def request_from_body(body: Mapping[str, Any]) -> Request:
     """Returns the request of a canonical body.
 
@@ -108,9 +159,14 @@ def request_from_body(body: Mapping[str, Any]) -> Request:
     """
     fields = dict(body)
     schema = fields.pop("schema")
-    _check(schema == REQUEST_SCHEMA, "schema", str(REQUEST_SCHEMA), schema)
+    known = _is_count(schema) and schema in (PLAIN_SCHEMA, DIALECT_SCHEMA)
+    _check(known, "schema", f"{PLAIN_SCHEMA} or {DIALECT_SCHEMA}", schema)
     messages = tuple(Message(**message) for message in fields.pop("messages"))
-    return Request(messages=messages, **fields)
+    if schema == DIALECT_SCHEMA:
+        fields = {"temperature": None, "top_p": None, "limit": None, "extra": None, **fields}
+    request = Request(messages=messages, **fields)
+    _check(request.body()["schema"] == schema, "schema", f"{request.body()['schema']} for what it says", schema)
+    return request
 
 
 @dataclass(frozen=True)
@@ -151,9 +207,9 @@ class Reply:
         key: key of the recorded reply.
         text: the reply.
         finish_reason: "stop", or "length" when even the longer reply was cut off.
-        prompt_tokens: tokens read by the model; 0 when nobody counted them (a person answered).
+        prompt_tokens: tokens read by the model; 0 when nobody counted them (answered from a file).
         completion_tokens: tokens written by the model; 0 when nobody counted them.
-        answered_by: the model as the endpoint named it, or who answered by hand.
+        answered_by: the model as the endpoint named it, or who answered in what way.
         cost_usd: cost in US dollars, by the prices at the time of recording; the same on every replay.
     """
 

@@ -1,11 +1,12 @@
-"""What the recorded replies asked for, and what they cost when they were recorded."""
+"""Tables of the recorded replies: what they cost when they were recorded, who answered, how different samples are."""
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from porse.llm.ledger import NOTHING, Spending
 from porse.llm.record import Record
+from porse.llm.sampling import Samples
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ def total(lines: Iterable[Line]) -> Spending:
     return sum((line.spending for line in lines), NOTHING)
 
 
-def table(heading: tuple[str, str], lines: list[Line]) -> str:
-    """Returns the lines as a text table with a heading."""
+def spending_table(heading: tuple[str, str], lines: list[Line]) -> str:
+    """Returns the lines as a text table; `heading` says what its first two columns are."""
     names = (*heading, "replies", "truncated", "prompt tokens", "completion tokens", "recorded USD")
     rows = [
         (
@@ -54,10 +55,32 @@ def table(heading: tuple[str, str], lines: list[Line]) -> str:
         )
         for line in lines
     ]
+    return text_table(names, rows, len(heading))
+
+
+def samples_table(found: list[Samples]) -> str:
+    """Returns how different the samples of each question are, as a text table."""
+    names = ("iteration", "stage", "first asked for", "samples", "different replies", "different functions")
+    rows = [
+        (
+            str(entry.origin.iteration),
+            entry.origin.stage,
+            entry.origin.subject,
+            str(entry.count),
+            str(entry.replies),
+            str(entry.functions),
+        )
+        for entry in found
+    ]
+    return text_table(names, rows, 3)
+
+
+def text_table(names: tuple[str, ...], rows: Sequence[tuple[str, ...]], texts: int) -> str:
+    """Returns a text table whose first `texts` columns are texts and whose others are numbers."""
     widths = [max(len(row[column]) for row in [names, *rows]) for column in range(len(names))]
     return "\n".join(
         "  ".join(
-            cell.ljust(width) if column < len(heading) else cell.rjust(width)
+            cell.ljust(width) if column < texts else cell.rjust(width)
             for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in [names, *rows]

@@ -8,19 +8,21 @@
 | `PORSE_LLM_STAGE_TIMEOUT_S` | limit on all requests that a stage asks at once, in seconds | 3600 |
 | `PORSE_LLM_CONCURRENCY` | requests under way at once | 4 |
 | `PORSE_LLM_ATTEMPTS` | attempts at one request, the first among them | 6 |
+| `PORSE_LLM_MAX_USD` | what the ledger of this checkout may come to, in US dollars | no limit |
+| `PORSE_LLM_MAX_REQUESTS` | requests that the ledger of this checkout may come to | no limit |
 """
 
 import os
+import re
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from typing import Literal, cast, get_args, overload
 
 from porse.config import LlmParams
 from porse.errors import ParamsError
 
 Mode = Literal["frozen", "record", "batch"]
 
-UNLOCKED_KEY = "no-key"
-"""Sent to servers that ask for no key: the client library insists on one."""
+_NOT_IN_A_HEADER = re.compile(r"[^\x21-\x7e]")
 
 
 @dataclass(frozen=True)
@@ -31,21 +33,27 @@ class Transport:
         profile: name of the profile.
         base_url: the endpoint.
         overridden: whether the endpoint comes from the environment and not from the profile.
-        api_key: the secret; it is never printed or stored.
+        api_key: the secret, "" where the endpoint asks for none; it is never printed or stored.
+        aliases: names under which the endpoint may answer for the model.
         timeout_s: limit on one request.
         stage_timeout_s: limit on all requests of one call of `ask`.
         concurrency: requests under way at once.
         attempts: attempts at one request.
+        max_usd: what may be spent in all, None for no limit.
+        max_requests: requests that may be sent in all, None for no limit.
     """
 
     profile: str
     base_url: str
     overridden: bool
     api_key: str
+    aliases: tuple[str, ...]
     timeout_s: float
     stage_timeout_s: float
     concurrency: int
     attempts: int
+    max_usd: float | None
+    max_requests: int | None
 
     def __repr__(self) -> str:
         """Returns the endpoint without its secret."""
@@ -83,29 +91,45 @@ def transport_from_environment(params: LlmParams) -> Transport:
         base_url=override or profile.base_url,
         overridden=bool(override),
         api_key=_api_key(params.profile, profile.key_variable),
+        aliases=profile.aliases,
         timeout_s=_positive("PORSE_LLM_TIMEOUT_S", 300.0),
         stage_timeout_s=_positive("PORSE_LLM_STAGE_TIMEOUT_S", 3600.0),
         concurrency=_count("PORSE_LLM_CONCURRENCY", 4),
         attempts=_count("PORSE_LLM_ATTEMPTS", 6),
+        max_usd=_positive("PORSE_LLM_MAX_USD", None),
+        max_requests=_count("PORSE_LLM_MAX_REQUESTS", None),
     )
 
 
 def _api_key(profile: str, variable: str) -> str:
     if not variable:
-        return UNLOCKED_KEY
+        return ""
     key = os.environ.get(variable, "").strip()
     if not key:
         raise ParamsError(
             f"Expected the API key of profile {profile!r} in the environment variable {variable}, found none. "
             f"Run `export {variable}=...` first; keys are never read from a file."
         )
+    wrong = _NOT_IN_A_HEADER.search(key)
+    if wrong:
+        raise ParamsError(
+            f"Expected the API key of profile {profile!r} in {variable} to be one word of ASCII, found the character "
+            f"U+{ord(wrong[0]):04X} at place {wrong.start() + 1} of {len(key)}. Copy the key again: word processors turn "
+            "hyphens into dashes, and files end in line breaks."
+        )
     return key
 
 
-def _positive(variable: str, default: float) -> float:
+@overload
+def _positive(variable: str, default: float) -> float: ...
+@overload
+def _positive(variable: str, default: None) -> float | None: ...
+def _positive(variable: str, default: float | None) -> float | None:
     text = os.environ.get(variable, "")
+    if not text:
+        return default
     try:
-        value = float(text) if text else default
+        value = float(text)
     except ValueError:
         value = 0.0
     if not 0 < value < float("inf"):
@@ -113,7 +137,11 @@ def _positive(variable: str, default: float) -> float:
     return value
 
 
-def _count(variable: str, default: int) -> int:
+@overload
+def _count(variable: str, default: int) -> int: ...
+@overload
+def _count(variable: str, default: None) -> int | None: ...
+def _count(variable: str, default: int | None) -> int | None:
     text = os.environ.get(variable, "")
     if text and not (text.isascii() and text.isdigit() and int(text) > 0):
         raise ParamsError(f"Expected {variable} to be a whole number above 0, found {text!r}.")
