@@ -470,6 +470,15 @@ def test_re_orientation_pays_for_both_cubes_and_hits_count_for_the_second(name, 
     assert bool(fresh.succeeded().all())
 
 
+@each(*[name for name in NAMES if name.startswith("Door")])
+def test_a_door_is_open_where_its_handles_are_half_a_metre_apart(name, fresh):
+    place(fresh, door_left_handle_pos=(0.9, -0.1, 0.7))
+    fresh.door_right_handle_pos = torch.tensor([[0.0, 0.41, 0.7], [0.0, 0.39, 0.7], [0.0, -0.61, 0.7]])
+    opens = name.startswith("DoorOpen")
+    # 0.51 m, 0.49 m, and 0.51 m the other way round
+    assert fresh.succeeded().tolist() == [opens, not opens, opens]
+
+
 # Ends: each reason alone.
 
 LOST = {

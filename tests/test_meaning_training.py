@@ -615,6 +615,8 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     search_rung(fusible, roska, 2, "1", 5, tmp_path / "out")
     probed, going = pretended.jobs
     assert [entry.until for entry in probed] == [2] * 6
+    # theta_best is 1 and theta_random 0, so theta_f is alpha
+    assert [read_checkpoint(entry.start).arrays["actor.w"].item() for entry in probed] == [0.0, 0.5, 1.0] * 2
     assert [entry.until for entry in going] == [5] * 2
     # equal scores: the smallest alpha goes on
     assert [entry.start.stem for entry in going] == [entry.name for entry in going]
