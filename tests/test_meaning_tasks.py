@@ -169,6 +169,35 @@ def test_success_latches_and_counts_when_its_episode_ends(name, fresh, monkeypat
     assert fresh.fitness() == pytest.approx(1 / 3 if name in OWN_LAST else 2 / 9)
 
 
+@each("ReOrientation")
+def test_hits_of_the_episodes_that_end_are_averaged_slowly(name, fresh, monkeypatch):
+    ends, hit = torch.tensor([True, True, False]), torch.tensor([False, True, True])
+    monkeypatch.setattr(fresh, "succeeded", lambda: hit)
+    monkeypatch.setattr(fresh, "failed", lambda: ends)
+    fresh.successes, fresh.outcomes = torch.tensor([2.0, 3.0, 8.0]), torch.zeros(ENVS)
+    fresh._record()
+    # 2 and 3 + 1 hits in the two that ended: 0.01 x 3
+    assert fresh.successes.tolist() == [2.0, 4.0, 9.0]
+    assert fresh.fitness() == pytest.approx(0.03)
+    ends[:2], hit[:] = False, False
+    fresh._record()
+    assert fresh.fitness() == pytest.approx(0.03)
+    # the third with its 9: 0.09 + 0.99 x 0.03
+    ends[2] = True
+    fresh._record()
+    assert fresh.fitness() == pytest.approx(0.1197)
+
+
+@each("PushBlock")
+def test_a_half_stays_a_half(name, fresh, monkeypatch):
+    credit = torch.tensor([0.5, 0.0, 1.0])
+    monkeypatch.setattr(fresh, "credit", lambda: credit)
+    fresh._count()
+    credit[:] = torch.tensor([1.0, 0.5, 0.0])
+    fresh._count()
+    assert fresh.successes.tolist() == [0.5, 0.5, 1.0]
+
+
 @each("PushBlock")
 def test_push_block_pays_a_half_for_the_left_cube_alone(name, fresh):
     places = {"left": torch.tensor(LEFT_GOAL), "right": torch.tensor(RIGHT_GOAL)}
