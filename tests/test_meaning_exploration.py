@@ -167,6 +167,15 @@ def test_sums_are_counted_anew_when_a_variable_grows():
     assert counts.counts.tolist() == [1, 0, 0, 2, 1, 0, 0]
 
 
+def test_sums_are_counted_anew_in_the_variable_that_grew():
+    counts = SumCounts([True, True], 7, 1.0)
+    # (0, 0), (3, 3), (3, 1): sums 0, 6, 4; the second grows to [0, 8): (0, 0), (3, 1), (3, 0): sums 0, 4, 3
+    counts.bonus(torch.tensor([[0.0, 0.0], [3.0, 3.0], [3.0, 1.0]]))
+    assert counts.bonus(torch.tensor([[0.0, 5.0]])).tolist() == [1.0]
+    # and the newcomer's bins are (0, 2)
+    assert counts.counts.tolist() == [1, 0, 1, 1, 1, 0, 0]
+
+
 def test_joint_cells_survive_folding_and_a_state():
     counts = SumCounts([True, True], 7, 1.0)
     counts.bonus(torch.tensor([[0.0, 0.0], [3.0, 3.0]]))

@@ -86,6 +86,9 @@ def test_a_reset_clears_what_belongs_to_the_episode_and_leaves_the_others(name, 
         assert torch.equal(after[[0, 2]], value[[0, 2]]), n
     assert not fresh._physics.force[1].any()
     assert not fresh.terminated()[1]
+    if name == "Humanoid":
+        # the way back to the start is no progress
+        assert float(fresh.sparse_reward()[1]) == 0.0
     if isinstance(fresh, SuccessTask):
         assert fresh.successes.tolist() == [1.0, 0.0, 3.0]
 
@@ -164,6 +167,35 @@ def test_success_latches_and_counts_when_its_episode_ends(name, fresh, monkeypat
     ends[0], ends[1] = False, True
     fresh._record()
     assert fresh.fitness() == pytest.approx(1 / 3 if name in OWN_LAST else 2 / 9)
+
+
+@each("ReOrientation")
+def test_hits_of_the_episodes_that_end_are_averaged_slowly(name, fresh, monkeypatch):
+    ends, hit = torch.tensor([True, True, False]), torch.tensor([False, True, True])
+    monkeypatch.setattr(fresh, "succeeded", lambda: hit)
+    monkeypatch.setattr(fresh, "failed", lambda: ends)
+    fresh.successes, fresh.outcomes = torch.tensor([2.0, 3.0, 8.0]), torch.zeros(ENVS)
+    fresh._record()
+    # 2 and 3 + 1 hits in the two that ended: 0.01 x 3
+    assert fresh.successes.tolist() == [2.0, 4.0, 9.0]
+    assert fresh.fitness() == pytest.approx(0.03)
+    ends[:2], hit[:] = False, False
+    fresh._record()
+    assert fresh.fitness() == pytest.approx(0.03)
+    # the third with its 9: 0.09 + 0.99 x 0.03
+    ends[2] = True
+    fresh._record()
+    assert fresh.fitness() == pytest.approx(0.1197)
+
+
+@each("PushBlock")
+def test_a_half_stays_a_half(name, fresh, monkeypatch):
+    credit = torch.tensor([0.5, 0.0, 1.0])
+    monkeypatch.setattr(fresh, "credit", lambda: credit)
+    fresh._count()
+    credit[:] = torch.tensor([1.0, 0.5, 0.0])
+    fresh._count()
+    assert fresh.successes.tolist() == [0.5, 0.5, 1.0]
 
 
 @each("PushBlock")
@@ -468,6 +500,15 @@ def test_re_orientation_pays_for_both_cubes_and_hits_count_for_the_second(name, 
     assert not fresh.succeeded().any()
     place(fresh, object_another_rot=LEVEL, object_rot=ONE_RADIAN)
     assert bool(fresh.succeeded().all())
+
+
+@each(*[name for name in NAMES if name.startswith("Door")])
+def test_a_door_is_open_where_its_handles_are_half_a_metre_apart(name, fresh):
+    place(fresh, door_left_handle_pos=(0.9, -0.1, 0.7))
+    fresh.door_right_handle_pos = torch.tensor([[0.0, 0.41, 0.7], [0.0, 0.39, 0.7], [0.0, -0.61, 0.7]])
+    opens = name.startswith("DoorOpen")
+    # 0.51 m, 0.49 m, and 0.51 m the other way round
+    assert fresh.succeeded().tolist() == [opens, not opens, opens]
 
 
 # Ends: each reason alone.

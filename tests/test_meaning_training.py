@@ -24,7 +24,7 @@ from porse.training.goal import generated, human, sparse
 from porse.training.job import Job, Outcome
 from porse.training.ppo import build_ppo
 from porse.training.probing import Probe, search_alphas, search_rung
-from porse.training.reward import EpochMeans, Reward
+from porse.training.reward import CandidateFailed, EpochMeans, Reward
 from porse.training.rung import job_for, train_rung
 from porse.training.start import random_policy
 from porse.training.trainer import Trainer, draw_policy
@@ -130,8 +130,20 @@ def test_epoch_means_weigh_every_step_alike():
     means = EpochMeans()
     for values in ([1.0, 3.0], [2.0, 6.0], [0.0, 3.0]):
         means.add({"x": torch.tensor(values)})
-    # (1 + 3 + 2 + 6 + 0 + 3) / 6
+    # (1 + 3 + 2 + 6 + 0 + 3) / 6, and anew in the next epoch: (4 + 8) / 2
     assert means.take() == {"x": 2.5}
+    means.add({"x": torch.tensor([4.0, 8.0])})
+    assert means.take() == {"x": 6.0}
+
+
+def test_one_environment_whose_goal_is_not_finite_ends_the_training():
+    def goal(task, variables):
+        late = torch.tensor([0.0, float("nan"), 2.0, 3.0])
+        return late, {"late": late, "fine": torch.ones(4)}
+
+    # one of four
+    with pytest.raises(CandidateFailed, match=r"not finite in 25\.0% of the environments \(components: late\)"):
+        Reward(goal, NoBonus(), 0.7, 2.0).pay(Task())
 
 
 # The bonus.
@@ -603,6 +615,8 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     search_rung(fusible, roska, 2, "1", 5, tmp_path / "out")
     probed, going = pretended.jobs
     assert [entry.until for entry in probed] == [2] * 6
+    # theta_best is 1 and theta_random 0, so theta_f is alpha
+    assert [read_checkpoint(entry.start).arrays["actor.w"].item() for entry in probed] == [0.0, 0.5, 1.0] * 2
     assert [entry.until for entry in going] == [5] * 2
     # equal scores: the smallest alpha goes on
     assert [entry.start.stem for entry in going] == [entry.name for entry in going]
