@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 
 from porse.cli import main
 from porse.errors import RepliesPending
+from porse.estimate import llm
 from porse.llm.ask import ask
-from porse.llm.cli import llm
 from porse.llm.request import Message
 from porse.llm.store import Store
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
