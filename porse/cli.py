@@ -15,7 +15,7 @@ from porse.report.markdown import results_table
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
 _LAZY = {
-    "llm": "porse.llm.cli:llm",
+    "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "play": "porse.show:play",
     "render": "porse.show:render",

@@ -18,7 +18,7 @@ LAYERS: list[set[str]] = [
     {"tasks", "exploration"},
     {"search"},
     {"training", "generation"},
-    {"report", "check_code", "film", "task_probe"},
+    {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
     {"iteration"},
     {"show", "suite"},

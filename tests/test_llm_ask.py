@@ -127,6 +127,17 @@ def test_miss_shows_the_first_difference_of_a_text(store: Store) -> None:
         ask(asked, params(), store.cache_dir)
 
 
+def test_miss_shows_a_dialect_that_differs(store: Store) -> None:
+    store.write(record(temperature=None, limit="max_completion_tokens", extra={"reasoning_effort": "low"}))
+    for _ in range(2):  # from the files, then from the index
+        with pytest.raises(CacheMiss) as caught:
+            ask(questions(1), params(), store.cache_dir)
+        assert (
+            "differs in: temperature: asked 0.5, recorded None; limit: asked 'max_tokens', recorded "
+            "'max_completion_tokens'; extra: asked {}, recorded {'reasoning_effort': 'low'}."
+        ) in str(caught.value)
+
+
 def test_miss_without_any_record(store: Store) -> None:
     with pytest.raises(CacheMiss, match="holds no other record"):
         ask(questions(1), params(), store.cache_dir)

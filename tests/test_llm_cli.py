@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 
 from porse.cli import main
 from porse.errors import RepliesPending
+from porse.estimate import llm
 from porse.llm.ask import ask
-from porse.llm.cli import llm
 from porse.llm.request import Message
 from porse.llm.store import Store
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
@@ -327,6 +327,15 @@ def test_show_prints_a_conversation(store: Store) -> None:
     assert text.endswith("def reward():\n    return 1\n\n")
 
 
+def test_show_prints_what_was_asked(store: Store) -> None:
+    plain = record(sample=3)
+    dialect = record(top_p=None, limit="max_completion_tokens", extra={"reasoning_effort": "low", "n_predict": None})
+    store.write_all([plain, dialect])
+    assert "model test-model, temperature 0.5, top_p 0.9, max_tokens 100, sample 3\n" in run("show", plain.key).stdout
+    asked = 'temperature 0.5, max_completion_tokens 100, sample 0, n_predict null, reasoning_effort "low"\n'
+    assert asked in run("show", dialect.key).stdout
+
+
 def test_show_prints_an_open_request(store: Store) -> None:
     ask_in_batch(store, 1)
     assert "(waits for an answer)" in run("show", KEYS[0][:10]).stdout
@@ -409,3 +418,15 @@ def test_refresh_needs_a_profile_of_the_same_model(store: Store, shipped: ChatSe
         "refresh", request(model="other-model").key, "--profile", "x"
     )
     assert shipped.requests == []
+
+
+def test_the_committed_replies_say_what_composed_them() -> None:
+    store = Store(ROOT / "llm_cache")
+    records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
+    assert len(records) == 57
+    assert {(item.request.model, item.provenance.profile, item.provenance.mode) for item in records} == {
+        ("offline", "offline", "batch")
+    }
+    assert {item.provenance.answered_by for item in records} == {
+        "a language model, offline, through batch mode, several replies in one context; not an API model"
+    }

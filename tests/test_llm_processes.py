@@ -138,11 +138,18 @@ def test_killed_at_random_moments_while_recording(server: ChatServer, tmp_path: 
     assert recorders.stdin is not None
     assert recorders.stdout is not None
     promised: set[str] = set()
-    for _ in range(kills):
+    longest_s = 0.4
+    for number in range(kills + 1):
         recorders.stdin.write(f"{len(list(store.all_keys()))}\n")
         recorders.stdin.flush()
         child = int(recorders.stdout.readline())
-        time.sleep(draw.uniform(0.0, 0.4))
+        if number == 0:
+            # On a busy machine a recorder takes longer to its first reply: kills must hit all that it does.
+            started = time.monotonic()
+            promised.add(recorders.stdout.readline().strip())
+            longest_s = max(longest_s, 2 * (time.monotonic() - started))
+        else:
+            time.sleep(draw.uniform(0.0, longest_s))
         os.kill(child, signal.SIGKILL)
         for line in iter(recorders.stdout.readline, "over\n"):
             promised.add(line.strip())
@@ -153,7 +160,7 @@ def test_killed_at_random_moments_while_recording(server: ChatServer, tmp_path: 
     recorders.wait()
     recorders.stdout.close()
     count = len(list(store.all_keys()))
-    assert count >= kills // 10, "kills must hit processes that have recorded something"
+    assert count > kills // 10, "kills must hit processes that have recorded something"
     calls = len(server.requests)
     assert len(ask(questions(count), params(server.url), store.cache_dir)) == count
     assert len(server.requests) - calls <= 1

@@ -1,9 +1,11 @@
 """Record mode against a real server on loopback that misbehaves on purpose."""
 
+import datetime
 import email.utils
 import json
 import logging
 import re
+import ssl
 import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler
@@ -11,6 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
 
 from porse.errors import CacheError, ParamsError, ProviderError
 from porse.llm import provider
@@ -471,6 +478,8 @@ def test_no_request_has_a_header_that_the_environment_asks_for(
         ("PORSE_LLM_BASE_URL", "ftp://127.0.0.1/v1", "base_url"),
         ("PORSE_LLM_BASE_URL", "http://", "base_url"),
         ("PORSE_LLM_BASE_URL", "http://127.0.0.1:port/v1", "base_url"),
+        ("PORSE_LLM_BASE_URL", "http://127.0.0.1:99999/v1", "the port 99999"),
+        ("PORSE_LLM_BASE_URL", "http://me:secret-0123456789@127.0.0.1/v1", "name the variable of a key"),
     ],
 )
 def test_what_cannot_work_is_one_paragraph_before_the_first_request(
@@ -484,6 +493,52 @@ def test_what_cannot_work_is_one_paragraph_before_the_first_request(
     assert "0123456789" not in str(caught.value)
     assert server.requests == []
     assert not ledger_path(store).exists()
+
+
+def test_a_proxy_that_cannot_be_reached_is_a_connection_that_broke(
+    server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NO_PROXY")
+    monkeypatch.delenv("no_proxy", raising=False)
+    for proxy in ("http://127.0.0.1:9", "http://127.0.0.1:99999"):
+        monkeypatch.setenv("HTTP_PROXY", proxy)
+        monkeypatch.setenv("http_proxy", proxy)
+        assert "3 attempts failed, the last one: the connection broke" in refused(server, store)
+    assert server.requests == []
+
+
+@pytest.fixture
+def self_signed(server: ChatServer, tmp_path: Path) -> tuple[str, Path]:
+    """The server behind TLS with a certificate that nobody has signed: its address, and the certificate's file."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "localhost")])
+    day, now = datetime.timedelta(days=1), datetime.datetime.now(datetime.UTC)
+    builder = x509.CertificateBuilder(name, name, key.public_key(), 1, now - day, now + day)
+    builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName("localhost")]), critical=False)
+    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    certificate = builder.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM)
+    path = tmp_path / "certificate.pem"
+    path.write_bytes(certificate)
+    (tmp_path / "both.pem").write_bytes(private + certificate)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / "both.pem")
+    server.server.socket = context.wrap_socket(server.server.socket, server_side=True)
+    return server.url.replace("http://127.0.0.1", "https://localhost"), path
+
+
+def test_a_certificate_that_is_not_trusted_ends_the_recording_at_once(
+    server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch, self_signed: tuple[str, Path]
+) -> None:
+    url, path = self_signed
+    monkeypatch.setenv("NO_PROXY", "localhost")
+    started = time.monotonic()
+    with pytest.raises(ProviderError, match=r"certificate is not trusted \(.*SSL_CERT_FILE") as caught:
+        ask(questions(3), params(url), store.cache_dir)
+    assert "attempts failed" not in str(caught.value)
+    assert time.monotonic() - started < 5
+    assert (server.requests, totals(store).spending.replies, totals(store).reserved) == ([], 0, {})
+    monkeypatch.setenv("SSL_CERT_FILE", str(path))
+    assert len(ask(questions(3), params(url), store.cache_dir)) == 3
 
 
 def test_the_query_of_an_endpoint_stays_at_its_end(server: ChatServer, store: Store) -> None:

@@ -29,16 +29,16 @@ def answers(kinds: Sequence[str], questions: Sequence[Question], params: Params,
     Raises:
         CacheMiss: replies are missing in frozen mode; and what else `porse.llm.ask.ask` raises.
     """
-    writers = [_writer(kind, params) for kind in kinds]
-    asked = [question for question, writer in zip(questions, writers, strict=True) if not writer]
+    writers = [writer(kind, params) for kind in kinds]
+    asked = [question for question, other in zip(questions, writers, strict=True) if not other]
     recorded = iter(ask(asked, params.llm, cache) if asked else [])
     return [
-        _written(writer, kind, question.request.key, params) if writer else next(recorded)
-        for kind, question, writer in zip(kinds, questions, writers, strict=True)
+        _written(other, kind, question.request.key, params) if other else next(recorded)
+        for kind, question, other in zip(kinds, questions, writers, strict=True)
     ]
 
 
-def _writer(kind: str, params: Params) -> str:
+def writer(kind: str, params: Params) -> str:
     """Returns who writes in place of the model, empty for nobody."""
     if kind == "mapping" and params.generate.mappings == "spliced":
         return SPLICED

@@ -49,12 +49,22 @@ class Function:
     source: str
 
 
-def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) -> list[Attempt]:
-    """Returns the first reply of every slot of every kind that candidates are made of; none where there are none."""
+def first_places(params: Params, iteration: int) -> list[tuple[Kind, int]]:
+    """Returns the kind and the slot of every function that an iteration starts with by asking; none where it has none."""
     if not is_searched(params, iteration):
         return []
     elites = params.generate.elites if iteration > 1 else 0
-    places = [(kind, slot) for kind in asked_kinds(params) for slot in range(params.generate.candidates - elites)]
+    return [(kind, slot) for kind in asked_kinds(params) for slot in range(params.generate.candidates - elites)]
+
+
+def attempts_at_most(params: Params) -> int:
+    """Returns how many replies one function may take: the first, fresh ones, and the repairs of each."""
+    return (params.validate.max_repairs + 1) * (params.validate.max_fresh + 1)
+
+
+def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) -> list[Attempt]:
+    """Returns the first reply of every slot of every kind that candidates are made of; none where there are none."""
+    places = first_places(params, iteration)
     asked = [conversation(brief, kind, slot) for kind, slot in places]
     questions = [
         _question(params, messages, slot, Origin("generate", iteration, f"{kind} {slot}"))

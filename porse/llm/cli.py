@@ -34,6 +34,17 @@ CACHE = click.option(
     help="Directory of recorded replies.",
 )
 
+PARAMS = click.option(
+    "--params",
+    "params_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("params.yaml"),
+    show_default=True,
+    help="File with the llm section.",
+)
+
+PROFILE = click.option("--profile", help="Profile to ask instead of llm.profile.")
+
 CONTEXT_HELP = (
     "What whoever answered had seen before each reply: `fresh`, nothing but its question; `shared`, other questions and "
     "replies; or `unknown`."
@@ -166,15 +177,8 @@ def diff(cache_dir: Path, key: str, other: str) -> None:
 
 @llm.command()
 @CACHE
-@click.option(
-    "--params",
-    "params_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("params.yaml"),
-    show_default=True,
-    help="File with the llm section.",
-)
-@click.option("--profile", help="Profile to ask instead of llm.profile.")
+@PARAMS
+@PROFILE
 @click.option("--answer", type=FILE, help="Take the new reply from this text instead of asking an endpoint.")
 @click.option("--answered-by", help="Who wrote the text of --answer.")
 @click.option("--context", type=click.Choice(list(CONTEXTS)), help=CONTEXT_HELP)
@@ -192,7 +196,7 @@ def refresh(
     store = Store(cache_dir)
     whole_key = store.find(key)
     if answer is None:
-        kept = refresh_from_endpoint(whole_key, _llm_params(params_path, profile), store)
+        kept = refresh_from_endpoint(whole_key, with_profile(load_params(params_path).llm, profile), store)
     elif answered_by and context:
         who = answerer(answered_by, "a text", context, is_api_model=False)
         kept = refresh_from_text(whole_key, answer_text(answer), who, store)
@@ -201,8 +205,12 @@ def refresh(
     click.echo(f"{whole_key}: replaced, the old record is {kept}")
 
 
-def _llm_params(path: Path, profile: str | None) -> LlmParams:
-    params = load_params(path).llm
+def with_profile(params: LlmParams, profile: str | None) -> LlmParams:
+    """Returns the llm section with another profile chosen; None leaves it as it is.
+
+    Raises:
+        ParamsError: there is no such profile.
+    """
     if profile is None:
         return params
     if profile not in params.profiles:

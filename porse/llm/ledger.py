@@ -78,6 +78,11 @@ class Totals:
     requests: int = 0
     reserved: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def usd(self) -> float:
+        """What is spent, and what may yet have been."""
+        return self.spending.cost_usd + sum(self.reserved.values())
+
     def add(self, line: dict[str, Any]) -> None:
         """Counts one line.
 
@@ -191,11 +196,11 @@ class Account:
                 f"PORSE_LLM_MAX_REQUESTS is {self._max_requests}, and {found.requests} requests are sent by "
                 f"{self._path}; raise it to go on"
             )
-        reserved = sum(found.reserved.values())
-        if self._max_usd is not None and found.spending.cost_usd + reserved + most_usd > self._max_usd:
+        if self._max_usd is not None and found.usd + most_usd > self._max_usd:
+            spent, reserved = found.spending.cost_usd, sum(found.reserved.values())
             return (
-                f"PORSE_LLM_MAX_USD is {self._max_usd:g}, {found.spending.cost_usd:.6f} USD are spent and {reserved:.6f} may "
-                f"have been by {self._path}, and one more request costs up to {most_usd:.6f}; raise it to go on"
+                f"PORSE_LLM_MAX_USD is {self._max_usd:g}, {spent:.6f} USD are spent and {reserved:.6f} may have been by "
+                f"{self._path}, and one more request costs up to {most_usd:.6f}; raise it to go on"
             )
         return ""
 

@@ -100,7 +100,8 @@ class Provider:
                 self._account.abandon(reservation)
             if isinstance(error, TimeoutError):
                 raise RetriableError(f"no whole reply within {timeout_s:g} s") from error
-            if isinstance(error, httpx2.RequestError):
+            # Some failures below the client, of a proxy's port say, reach us as they are.
+            if isinstance(error, httpx2.RequestError | OSError | ExceptionGroup):
                 raise _broken(error) from error
             raise
         try:
@@ -160,16 +161,22 @@ def _endpoint(base_url: str) -> httpx2.URL:
     try:
         url = httpx2.URL(base_url)
     except httpx2.InvalidURL as error:
-        raise ParamsError(_wrong_address(base_url, str(error))) from error
+        raise ParamsError(_wrong_address(repr(base_url), str(error))) from error
+    if url.userinfo:
+        raise ParamsError(
+            _wrong_address("one", "a name or a password in it; name the variable of a key in the profile")
+        )
     if url.scheme not in ("http", "https") or not url.host:
-        raise ParamsError(_wrong_address(base_url, "no address of HTTP"))
+        raise ParamsError(_wrong_address(repr(base_url), "no address of HTTP"))
+    if url.port is not None and not 0 < url.port < 65536:
+        raise ParamsError(_wrong_address(repr(base_url), f"the port {url.port}"))
     return url.copy_with(path=f"{url.path.rstrip('/')}/chat/completions")
 
 
-def _wrong_address(base_url: str, found: str) -> str:
+def _wrong_address(shown: str, found: str) -> str:
     return (
-        f"Expected an endpoint like https://host/v1 in base_url of the profile or in PORSE_LLM_BASE_URL, found "
-        f"{base_url!r}: {found}. Correct it there."
+        f"Expected an endpoint like https://host/v1 in base_url of the profile or in PORSE_LLM_BASE_URL, found {shown}: "
+        f"{found}. Correct it there."
     )
 
 
@@ -200,7 +207,7 @@ def _headers(transport: Transport) -> dict[str, str]:
     return {"Accept": "application/json", "User-Agent": f"porse/{__version__}", **key}
 
 
-def _broken(error: httpx2.RequestError) -> Exception:
+def _broken(error: Exception) -> Exception:
     """Returns what a failed connection means: a certificate that is not trusted will not be trusted next time."""
     cause: BaseException = error
     while cause.__cause__ is not None or cause.__context__ is not None:

@@ -1,5 +1,7 @@
 """A record, or an open request, as a conversation for people."""
 
+import json
+
 from porse.errors import CacheError
 from porse.llm.pending import load_pending
 from porse.llm.record import Record
@@ -30,17 +32,18 @@ def open_conversation(question: Question) -> str:
 
 
 def _asked(request: Request, origin: Origin) -> str:
-    head = (
-        f"key {request.key}\nasked in {origin}\nmodel {request.model}, temperature {request.temperature:g}, "
-        f"top_p {request.top_p:g}, max_tokens {request.max_tokens}, sample {request.sample}"
-    )
+    sampling = {"temperature": request.temperature, "top_p": request.top_p}
+    fields = [f"{name} {value:g}" for name, value in sampling.items() if value is not None]
+    fields += [f"{request.limit} {request.max_tokens}", f"sample {request.sample}"]
+    fields += [f"{name} {json.dumps(value, ensure_ascii=False)}" for name, value in request.extra.items()]
+    head = f"key {request.key}\nasked in {origin}\nmodel {request.model}, {', '.join(fields)}"
     turns = [f"\n--- {message.role} ---\n{message.content}" for message in request.messages]
     return "\n".join([head, *turns])
 
 
 def _answered(record: Record) -> str:
     answer, provenance = record.answer, record.provenance
-    cut = " (cut off by max_tokens)" if record.truncated else ""
+    cut = " (cut off by its limit)" if record.truncated else ""
     tokens = [count for count in (answer.prompt_tokens, answer.completion_tokens) if count is not None]
     counted = (
         f"{tokens[0]} + {tokens[1]} tokens, {record.cost_usd:.6f} USD" if len(tokens) == 2 else "tokens not counted"
