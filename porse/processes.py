@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+from collections.abc import Sequence
 
 _PR_SET_PDEATHSIG = 1
 
@@ -26,6 +27,25 @@ def die_with_parent(parent: int | None = None) -> None:
     # The parent may have ended before the request was made.
     if os.getppid() != wanted:
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+PARENT_VARIABLE = "PORSE_PARENT"
+"""Names the process that must be a stage's parent."""
+
+
+def as_parent(command: Sequence[str]) -> list[str]:
+    """Returns a command that runs `command` as the process that the stages below it must have as their parent.
+
+    A stage can ask to end with its parent only once Python has started, some milliseconds after DVC has started it. It
+    cannot tell then whether its parent has ended in between, unless it knows who that was.
+    """
+    return ["/bin/sh", "-c", f'export {PARENT_VARIABLE}=$$; exec "$0" "$@"', *command]
+
+
+def expected_parent() -> int | None:
+    """Returns the process that the environment names as the parent, None where it names none; names it to no child."""
+    text = os.environ.pop(PARENT_VARIABLE, "")
+    return int(text) if text.isascii() and text.isdecimal() else None
 
 
 def limit_memory(mib: int) -> None:

@@ -4,8 +4,8 @@ A stage ends when `dvc repro` does, however that ends, and from its first line o
 Where there is a warm server, it does the stage's work.
 """
 
-from porse.processes import die_with_parent
+from porse.processes import die_with_parent, expected_parent
 from porse.warm.client import hand_over
 
-die_with_parent()
+die_with_parent(expected_parent())
 hand_over()

@@ -17,11 +17,14 @@ from faulty import PLAN_VARIABLE
 from porse.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from porse.errors import CheckpointError, ParamsError
 from porse.identity import seed_for
+from porse.pool import read_pool, write_pool
+from porse.training.evaluation import evaluate
 from porse.training.executor import EXECUTOR_VARIABLE
 from porse.training.job import Ended, Job, Outcome, Report
 from porse.training.limits import MEMORY_VARIABLE, SILENCE_VARIABLE, WORKERS_VARIABLE, limits_from_environment
 from porse.training.local import Local
 from porse.training.population import train_pool
+from porse.training.probing import search_rung
 from porse.training.reason import plain
 from porse.training.start import random_policy
 from samples import MAPPING, NOT_FINITE, RAISES, REWARD
@@ -289,3 +292,59 @@ def test_what_a_failure_says_is_the_same_on_every_machine():
     said = "RuntimeError at /home/me/lib/mlp.py:31,\n tensor 0x7f3a22bc10 of a/b"
     assert plain(said) == "RuntimeError at mlp.py:31, tensor 0x... of a/b"
     assert len(plain("x" * 10_000)) == 400
+
+
+def candidate(name: str, slot: int, reward: str, beta: float) -> dict:
+    return {
+        "iteration": 2, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
+        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "beta": beta, "alpha": 0.8,
+        "policy": "fused", "epochs": 0, "failure": "",
+    }  # fmt: skip
+
+
+def tree(folder: Path) -> dict[str, str]:
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def test_the_search_of_alpha_goes_on_without_a_candidate_that_fails(small, starts, tmp_path, monkeypatch):
+    probe = dataclasses.replace(small.probe, trainings=3, initial=2, share=0.5)
+    roska = dataclasses.replace(small, probe=probe)
+    rows = [candidate("good", 0, REWARD, 1.0), candidate("bad", 1, NOT_FINITE, 1.0), candidate("calm", 2, REWARD, 0.5)]
+    policies = {stem: starts / "start.safetensors" for stem in ("best", "random", "fused")}
+    for name, members in (("all", rows), ("others", [rows[0], rows[2]])):
+        write_pool(tmp_path / name, members, [], policies)
+    for name, executor, count in (("all", "local", "3"), ("all", "inline", "1"), ("others", "local", "1")):
+        monkeypatch.setenv(EXECUTOR_VARIABLE, executor)
+        monkeypatch.setenv(WORKERS_VARIABLE, count)
+        search_rung(read_pool(tmp_path / name), roska, 2, "1", 2, tmp_path / f"{name}-{executor}")
+    assert tree(tmp_path / "all-local") == tree(tmp_path / "all-inline")
+    together, apart = read_pool(tmp_path / "all-local"), read_pool(tmp_path / "others-local")
+    # Its probes of one epoch end well; the chosen one fails in the second, and keeps the policy that it had after the first.
+    (failed,) = [row for row in together.candidates if row["failure"]]
+    assert (failed["parent_id"], failed["epochs"]) == ("bad", 1)
+    assert failed["failure"].startswith("its reward was not finite")
+    assert read_checkpoint(together.policy(failed)).scalars["epoch"] == 1
+    # The others are as they would be without it, but for their places.
+    others = [row for row in together.candidates if row["parent_id"] != "bad"]
+    names = {row["candidate_id"] for row in others}
+    assert [row for row in together.curves if row["candidate_id"] in names] == apart.curves
+    assert [{**row, "slot": 0} for row in others] == [{**row, "slot": 0} for row in apart.candidates]
+    assert all(together.policy(row).read_bytes() == apart.policy(row).read_bytes() for row in others)
+
+
+def test_an_evaluation_leaves_out_what_fails_and_is_the_same_in_both_executors(small, tmp_path, monkeypatch):
+    seeds = dataclasses.replace(small, evaluate=dataclasses.replace(small.evaluate, seeds=2))
+    found = []
+    for executor in ("local", "inline"):
+        monkeypatch.setenv(EXECUTOR_VARIABLE, executor)
+        chain = [
+            candidate("one", 0, REWARD, 1.0),
+            candidate("two", 0, NOT_FINITE, 1.0),
+            candidate("three", 0, REWARD, 1.0),
+        ]
+        found.append(evaluate(chain, 2, seeds, tmp_path / executor))
+    assert found[0] == found[1]
+    assert [(row["candidate_id"], row["seed"], row["epoch"]) for row in found[0]] == [
+        ("one", 1, 1), ("one", 1, 2), ("one", 2, 1), ("one", 2, 2),
+    ]  # fmt: skip

@@ -14,6 +14,7 @@ import yaml
 
 from porse.checkpoint import write_checkpoint
 from porse.pool import write_pool
+from porse.processes import as_parent
 from porse.training.start import random_policy
 from porse.warm.client import VARIABLE
 from porse.warm.start import warm_server
@@ -142,6 +143,23 @@ def test_a_stage_starts_cold_where_the_server_has_ended(project, tmp_path):
     code, _, errors, warm = ended(start(project, "stages.eliminate", *ELIMINATE, "--out", "late", **environment))
     assert (code, errors, warm) == (0, "", False)
     assert not Path(environment[VARIABLE]).parent.exists()
+
+
+@pytest.mark.parametrize("warm", [True, False])
+def test_a_stage_whose_parent_has_ended_before_it_could_ask_does_not_start(project, server, warm):
+    command = ("stages.eliminate", *ELIMINATE, "--out", f"child-{warm}")
+    environment = server if warm else {}
+    # This process stands for another one than that which started the stage.
+    orphan = start(project, *command, PORSE_PARENT=str(os.getppid()), **environment)
+    orphan.communicate(timeout=60)
+    assert orphan.returncode == -signal.SIGKILL
+    assert not (project / f"child-{warm}").exists()
+    script = f"exec {sys.executable} -m {' '.join(command)}"
+    told = {**os.environ, **environment}
+    # `sh` is the parent here, in the place of DVC.
+    done = subprocess.run(as_parent(["/bin/sh", "-c", f"({script}); exit $?"]), cwd=project, env=told, check=False)
+    assert done.returncode == 0
+    assert (project / f"child-{warm}" / "survivors.parquet").exists()
 
 
 def test_what_is_no_stage_is_not_handed_over(project, server):

@@ -5,6 +5,7 @@ process however that ends, and speaks through two pipes: what it has done, as a 
 end, and what it prints. So the pool goes on whatever becomes of it.
 """
 
+import faulthandler
 import gc
 import json
 import os
@@ -30,6 +31,7 @@ from porse.training.reason import last_words
 
 _TICK_S = 0.5
 """Longest wait for news: how late a hang is noticed."""
+_CHUNK, _PIPE_BYTES = 1 << 16, 1 << 20
 _LAST_BYTES = 4096
 """How much of what a training prints is kept."""
 
@@ -119,7 +121,7 @@ class _Training:
 
     def read_news(self, tell: Tell) -> None:
         """Takes in the lines that have come."""
-        chunk = os.read(self.news, 1 << 16)
+        chunk = os.read(self.news, _CHUNK)
         self.closed = not chunk
         *lines, self.unread = (self.unread + chunk).split(b"\n")
         for line in lines:
@@ -133,7 +135,7 @@ class _Training:
 
     def read_output(self) -> None:
         """Hands on what it has printed, and keeps the end of it."""
-        chunk = os.read(self.output, 1 << 16)
+        chunk = os.read(self.output, _CHUNK)
         self.mute = not chunk
         self.printed = (self.printed + chunk)[-_LAST_BYTES:]
         sys.stderr.write(chunk.decode(errors="replace"))
@@ -157,8 +159,7 @@ class _Training:
         if self.status is not None:
             if _is_waiting(self.news) and not self.closed:
                 return None  # its last line is still to be read
-            while _is_waiting(self.output) and not self.mute:
-                self.read_output()
+            self._drain()
             return Outcome([], f"{_ending(self.status)}{self._when()}{self._last_words()}", outside=True)
         if self.silent_s > silence_s:
             return Outcome(
@@ -171,8 +172,16 @@ class _Training:
         if self.status is None:
             os.kill(self.process, signal.SIGKILL)
             os.waitpid(self.process, 0)
+        self._drain()
         os.close(self.news)
         os.close(self.output)
+
+    def _drain(self) -> None:
+        """Reads what it has printed last. A pipe holds no more than this, and who else writes to it is not waited for."""
+        for _ in range(_PIPE_BYTES // _CHUNK):
+            if self.mute or not _is_waiting(self.output):
+                return
+            self.read_output()
 
     def _when(self) -> str:
         return f", after epoch {self.epoch}" if self.epoch else ", before it had done an epoch"
@@ -261,6 +270,7 @@ def _train_here(
         os.dup2(printing, 2)
         os.close(printing)
         # The caller's may lead elsewhere: to a notebook, to a test's record.
+        faulthandler.disable()
         sys.stdout, sys.stderr = (os.fdopen(end, "w", buffering=1, errors="replace", closefd=False) for end in (1, 2))
         for end in foreign:
             os.close(end)

@@ -59,6 +59,8 @@ def _started(listener: socket.socket, profile: Profile) -> subprocess.Popen[byte
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
+        # What goes wrong in it goes wrong in a cold stage, too, which says so.
+        stderr=subprocess.DEVNULL,
         pass_fds=(listener.fileno(),),
         # A session of its own: a key in the terminal reaches the stages' callers, and through them the stages.
         start_new_session=True,
