@@ -1,21 +1,37 @@
 """`params.yaml` as frozen dataclasses, with the sets of the method and the ablation laid over it.
 
 What a parameter means is said in `params.yaml` itself, above the key. A section is named after the stage that reads it.
+A stage has a part of the parameters, those that it reads; asking for another one is an error.
 """
 
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import yaml
-
-from porse.conversion import Count, Fraction, NonNegative, Positive, Range, convert, wrong
+from porse.conversion import Count, Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
+from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import overridden
 
 MOST_SUMMED_CELLS = 1872
 """Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
+
+
+class Section:
+    """Parameters that belong together; of those that a stage does not read, it has none."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Says which parameter is not there; called only for what is not there."""
+            if name not in type(self).__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__} has no {name}")
+            raise ParamsError(
+                f"expected this stage to read only the parameters that it depends on, found it reading {name} of "
+                f"{type(self).__name__}; name it among the stage's sections in porse/inputs/stages.py"
+            )
 
 
 @dataclass(frozen=True)
@@ -30,7 +46,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class LlmParams:
+class LlmParams(Section):
     """The model that writes rewards and mappings, and how it is sampled."""
 
     profile: str
@@ -46,7 +62,7 @@ class LlmParams:
 
 
 @dataclass(frozen=True)
-class CandidateParams:
+class CandidateParams(Section):
     """What a candidate's total reward is made of, and its weights before anything mutates."""
 
     goal: Literal["generated", "sparse", "human"]
@@ -57,7 +73,7 @@ class CandidateParams:
 
 
 @dataclass(frozen=True)
-class GenerateParams:
+class GenerateParams(Section):
     """How many candidates an iteration has, and where they come from."""
 
     candidates: Positive
@@ -69,7 +85,7 @@ class GenerateParams:
 
 
 @dataclass(frozen=True)
-class IslandsParams:
+class IslandsParams(Section):
     """The population that rewards evolve in (REvolve)."""
 
     count: Positive
@@ -80,7 +96,7 @@ class IslandsParams:
 
 
 @dataclass(frozen=True)
-class ValidateParams:
+class ValidateParams(Section):
     """How much is done for a broken function, and on which states functions are tried."""
 
     max_repairs: Count
@@ -90,7 +106,7 @@ class ValidateParams:
 
 
 @dataclass(frozen=True)
-class ExplorationParams:
+class ExplorationParams(Section):
     """The exploration bonus."""
 
     lambda_: NonNegative
@@ -100,7 +116,7 @@ class ExplorationParams:
 
 
 @dataclass(frozen=True)
-class TrainParams:
+class TrainParams(Section):
     """One policy's training by PPO."""
 
     rung_epochs: Positive
@@ -125,7 +141,7 @@ class TrainParams:
 
 
 @dataclass(frozen=True)
-class ProbeParams:
+class ProbeParams(Section):
     """The search of alpha by short trainings (ROSKA)."""
 
     trainings: Count
@@ -137,7 +153,7 @@ class ProbeParams:
 
 
 @dataclass(frozen=True)
-class EliminateParams:
+class EliminateParams(Section):
     """How candidates are ranked, and how many go on."""
 
     keep: Literal["rungs", "all", "one"]
@@ -145,7 +161,7 @@ class EliminateParams:
 
 
 @dataclass(frozen=True)
-class MutateParams:
+class MutateParams(Section):
     """How the best survivor is varied at half time."""
 
     pool: str
@@ -160,7 +176,7 @@ class MutateParams:
 
 
 @dataclass(frozen=True)
-class FuseParams:
+class FuseParams(Section):
     """What an iteration hands to the next one."""
 
     pool: str
@@ -170,7 +186,7 @@ class FuseParams:
 
 
 @dataclass(frozen=True)
-class EvaluateParams:
+class EvaluateParams(Section):
     """How far the winner's training depends on its seed."""
 
     seeds: Count
@@ -185,7 +201,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class SummariseParams:
+class SummariseParams(Section):
     """What a run's metrics are measured against, by task."""
 
     references: Mapping[str, Reference]
@@ -211,7 +227,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Params:
+class Params(Section):
     """All of `params.yaml`."""
 
     task: str
@@ -236,6 +252,13 @@ class Params:
     iterations: Sequence[Iteration]
     rungs: Sequence[Rung]
 
+    def with_seed(self, seed: int) -> "Params":
+        """Returns the same parameters with another seed; what is not there stays away."""
+        other = copy.copy(self)
+        # The dataclass is frozen, and nobody has seen the copy yet.
+        object.__setattr__(other, "seed", seed)
+        return other
+
 
 def load_params(path: Path) -> Params:
     """Returns the checked parameters of the file at `path`.
@@ -243,15 +266,21 @@ def load_params(path: Path) -> Params:
     Raises:
         ParamsError: the file is missing, is no YAML mapping, or a parameter is missing, unknown or out of range.
     """
+    return parse_params(load_document(path), str(path))
+
+
+def load_document(path: Path) -> Any:
+    """Returns the parsed `params.yaml` at `path`, unchecked and without the sets of its method and ablation.
+
+    Raises:
+        ParamsError: the file is missing or is no YAML.
+    """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return read_yaml(path)
     except FileNotFoundError:
         raise ParamsError(
             f"expected the parameters in {path}, found no such file; run from the project's root"
         ) from None
-    except yaml.YAMLError as error:
-        raise ParamsError(f"expected YAML in {path}, found: {' '.join(str(error).split())}; mend the file") from None
-    return parse_params(document, str(path))
 
 
 def parse_params(document: Any, where: str) -> Params:
@@ -264,6 +293,29 @@ def parse_params(document: Any, where: str) -> Params:
     params: Params = convert(laid_over, Params, "", where)
     _check_together(params, where)
     return params
+
+
+def parse_part(document: Mapping[str, Any], where: str) -> Params:
+    """Returns the parameters of a stage: those that the document holds, and no others.
+
+    Args:
+        document: a part of a resolved `params.yaml`, which was checked as a whole.
+        where: names it in errors.
+
+    Raises:
+        ParamsError: a parameter is unknown, mistyped or out of range; or, later, one that is not there is asked for.
+    """
+    part: Params = convert_part(document, Params, "", where, Section)
+    return part
+
+
+def leaves(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields the values of a document by their dotted names, in its order; a list is one value."""
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def _check_together(params: Params, where: str) -> None:

@@ -100,6 +100,37 @@ def _convert_section(value: Any, section: type, name: str, where: str) -> Any:
     return section(**converted)
 
 
+def convert_part(value: Mapping[str, Any], section: type, name: str, where: str, open_class: type) -> Any:
+    """Returns an incomplete dataclass from a mapping that has some of its fields; the others are left unset.
+
+    Args:
+        value: what the document holds.
+        section: the dataclass.
+        name: the value's dotted name; empty for the document.
+        where: names the document in errors.
+        open_class: dataclasses below `section` may be incomplete, too, where they are derived from this class.
+
+    Raises:
+        ParamsError: a value is unknown, mistyped or out of range.
+    """
+    fields = {field.name.rstrip("_"): field for field in dataclasses.fields(section)}
+    hints = typing.get_type_hints(section, include_extras=True)
+    part = object.__new__(section)
+    for key, item in value.items():
+        if key not in fields:
+            raise ParamsError(wrong(f"{name}{key}", f"one of {', '.join(fields)}", item, where))
+        kind = hints[fields[key].name]
+        is_open = isinstance(kind, type) and issubclass(kind, open_class)
+        converted = (
+            convert_part(item, kind, f"{name}{key}.", where, open_class)
+            if is_open
+            else convert(item, kind, f"{name}{key}", where)
+        )
+        # The dataclass is frozen, and nobody has seen this one yet.
+        object.__setattr__(part, fields[key].name, converted)
+    return part
+
+
 def wrong(name: str, expected: str, found: Any, where: str) -> str:
     """Returns the text of an error about one value."""
     return f"expected {name} to be {expected}, found {found!r} in {where}; change it there"

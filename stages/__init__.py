@@ -3,6 +3,9 @@
 A stage ends when `dvc repro` does, however that ends, and from its first line on: what it imports takes half a second.
 """
 
+import os
+
 from porse.processes import die_with_parent
 
-die_with_parent()
+# stages/python.sh says who started it, so that a stage whose DVC ended before this line ends, too.
+die_with_parent(int(os.environ["PORSE_PARENT"]) if "PORSE_PARENT" in os.environ else None)

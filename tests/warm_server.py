@@ -26,7 +26,7 @@ numerics.apply("portable")
 IMPORTED = (
     "porse.training.candidate", "porse.training.probing", "porse.training.evaluation", "porse.generation.brief",
     "porse.generation.candidates", "porse.generation.functions", "porse.generation.mutants", "porse.generation.states",
-    "porse.report.summary",
+    "porse.report.summary", "porse.tasks.quadcopter", "porse.tasks.over",
 )  # fmt: skip
 
 
@@ -73,6 +73,8 @@ def _become_stage(connection: socket.socket) -> None:
     os.environ.clear()
     # The variables of the profile are those that this process loaded its libraries with.
     os.environ.update({**request["environment"], **numerics.ENVIRONMENT["portable"]})
+    # Who started the stage is this process.
+    os.environ.pop("PORSE_PARENT", None)
     module, *arguments = request["arguments"]
     sys.argv = [module, *arguments]
     sys.path[:] = [str(request["folder"]), *(entry for entry in sys.path if entry != str(ROOT))]

@@ -17,6 +17,7 @@ from threading import Thread
 from porse.config import Params
 from porse.errors import ParamsError
 from porse.processes import die_with_parent
+from porse.task_names import class_name, is_own
 from porse.training.job import Job, Outcome, Report
 
 WORKERS_VARIABLE = "PORSE_WORKERS"
@@ -47,7 +48,7 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
     if not jobs:
         return []
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["porse.training.server"])
+    context.set_forkserver_preload(["porse.training.server", _task_module(params.task)])
     receiver, sender = context.Pipe(duplex=False)
     line = _Line(sender, context.Lock())
     with (
@@ -62,6 +63,11 @@ def train_pool(jobs: Sequence[Job], params: Params, on_report: Callable[[Report]
     ):
         futures: list[Future[Outcome]] = [pool.submit(_run, job, params) for job in jobs]
         return [future.result() for future in futures]
+
+
+def _task_module(task: str) -> str:
+    """Returns the module that children of a run import for its task; code of one's own runs in the children alone."""
+    return "porse.tasks.base" if is_own(task) else class_name(task).partition(":")[0]
 
 
 @dataclass(frozen=True)
