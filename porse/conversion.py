@@ -115,7 +115,7 @@ def convert_part(value: Mapping[str, Any], section: type, name: str, where: str,
     """
     fields = {field.name.rstrip("_"): field for field in dataclasses.fields(section)}
     hints = typing.get_type_hints(section, include_extras=True)
-    part = object.__new__(section)
+    part: Any = object.__new__(section)
     for key, item in value.items():
         if key not in fields:
             raise ParamsError(wrong(f"{name}{key}", f"one of {', '.join(fields)}", item, where))

@@ -45,9 +45,8 @@ def render_yaml(document: Any) -> str:
     """Returns a document as YAML text that `parse_yaml` and DVC read as the same document."""
     from ruamel.yaml import YAML
 
-    writer = YAML(typ="safe", pure=True)
-    writer.default_flow_style = False
-    writer.sort_base_mapping_type_on_output = False
+    # Of its writers, this one keeps the order of keys.
+    writer = YAML()
     stream = io.StringIO()
     writer.dump(document, stream)
     return stream.getvalue()

@@ -44,13 +44,22 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
     return project
 
 
-def run(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+def run(
+    where: Path, *command: str, check: bool = True, timeout_s: float = 280, **environment: str
+) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        command, cwd=where, env={**os.environ, **QUIET, **environment}, capture_output=True, text=True, timeout=280
+        command,
+        cwd=where,
+        env={**os.environ, **QUIET, **environment},
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
     )
     assert not check or done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done
 
 
-def dvc(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
-    return run(where, str(BIN / "dvc"), *command, check=check, **environment)
+def dvc(
+    where: Path, *command: str, check: bool = True, timeout_s: float = 280, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    return run(where, str(BIN / "dvc"), *command, check=check, timeout_s=timeout_s, **environment)

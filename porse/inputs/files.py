@@ -47,7 +47,9 @@ def task_files(root: Path, task: str) -> set[Path]:
     module = class_name(task).partition(":")[0]
     file = _module_file(root, module)
     if not file.is_file():
-        raise ParamsError(f"expected the module of task {task!r} at {file}, found no such file; mend its name or add it")
+        raise ParamsError(
+            f"expected the module of task {task!r} at {file}, found no such file; mend its name or add it"
+        )
     package = module.partition(".")[0]
     files = _imported(root, module, "porse", package)
     # A scene, a mesh or a table lies beside the module that reads it.

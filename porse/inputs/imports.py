@@ -61,8 +61,8 @@ def _collect(node: ast.AST, names: set[str]) -> None:
         if "." in name and all(part.isidentifier() for part in name.split(".")):
             names.add(name)
     elif isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
-        for child in node.orelse:
-            _collect(child, names)
+        for statement in node.orelse:
+            _collect(statement, names)
         return
     for child in ast.iter_child_nodes(node):
         _collect(child, names)

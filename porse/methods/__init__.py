@@ -61,7 +61,9 @@ def _chosen(document: Mapping[str, Any], where: str) -> list[tuple[Origin, Set]]
 
 
 def _check_set(sections: Set, origin: Origin) -> None:
-    names = {section for section in sections} | {f"{section}.{key}" for section in sections for key in sections[section]}
+    names = {section for section in sections} | {
+        f"{section}.{key}" for section in sections for key in sections[section]
+    }
     for name in sorted(PIPELINE & names):
         raise ParamsError(
             f"expected the {origin} to leave {name} alone, found it replaced in porse/methods/sets.py; the dvc.yaml of "

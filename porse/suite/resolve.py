@@ -92,9 +92,9 @@ def tracked_files(root: Path) -> list[str]:
 
 
 def code_id(root: Path, files: Sequence[str]) -> str:
-    """Returns the content id of `dvc.yaml`, of those files that it names as `deps` or that are below one, and of the
-    template of the iterations' `dvc.yaml`.
+    """Returns the content id of `dvc.yaml`, of those files that it names as `deps`, or that are below one.
 
+    The template of the iterations' `dvc.yaml` counts, too; those files themselves follow from it and the parameters.
     What no stage depends on, such as documentation, is no part of it. Neither are recorded replies: an entry that is
     done had all of its own, and recording those of the next entry changes nothing for it.
 

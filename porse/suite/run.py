@@ -7,6 +7,7 @@ from pathlib import Path
 
 from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
+from porse.repair import repair
 from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
 from porse.suite.folders import Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
@@ -81,8 +82,7 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     (folders.result(name) / "failed.json").unlink(missing_ok=True)
     fill_clone(folders.work, files, folders.source, root, resolved.params)
     write_json(folders.current, current)
-    # DVC would take a process that was killed, and that nobody has reaped yet, for one that is still at work here.
-    (folders.work / ".dvc" / "tmp" / "rwlock").unlink(missing_ok=True)
+    repair(folders.work)
     log = folders.log(name)
     log.parent.mkdir(exist_ok=True)
     code = _reproduce(folders.work, log, lock)
