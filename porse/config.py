@@ -5,18 +5,32 @@ A stage has a part of the parameters, those that it reads; asking for another on
 """
 
 import copy
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from porse.conversion import Count, Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
+from porse.conversion import Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import overridden
 
 MOST_SUMMED_CELLS = 1872
 """Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
+
+
+MOST_STEPS = 2**24
+"""Environment steps of one epoch that are held in memory at once."""
+
+MOST_LAYERS = 16
+"""Hidden layers of a network."""
+
+Several = Annotated[int, Range(1, 1000)]
+Few = Annotated[int, Range(0, 1000)]
+
+_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?")
+"""Names of rungs and folders: they become names of stages, of folders, and words of a command."""
 
 
 class Section:
@@ -52,7 +66,7 @@ class LlmParams(Section):
     profile: str
     temperature: Annotated[float, Range(0.0, 2.0)]
     top_p: Annotated[float, Range(1e-6, 1.0)]
-    max_tokens: Positive
+    max_tokens: Annotated[int, Range(1, 10**7)]
     profiles: Mapping[str, Profile]
 
     @property
@@ -76,8 +90,8 @@ class CandidateParams(Section):
 class GenerateParams(Section):
     """How many candidates an iteration has, and where they come from."""
 
-    candidates: Positive
-    elites: Count
+    candidates: Several
+    elites: Few
     iterations: Literal["every", "first"]
     parents: Literal["winner", "islands"]
     mappings: Literal["generator", "spliced"]
@@ -88,8 +102,8 @@ class GenerateParams(Section):
 class IslandsParams(Section):
     """The population that rewards evolve in (REvolve)."""
 
-    count: Positive
-    size: Positive
+    count: Several
+    size: Several
     crossover: Fraction
     migration: Fraction
     temperature: Annotated[float, Range(1e-6)]
@@ -99,10 +113,10 @@ class IslandsParams(Section):
 class ValidateParams(Section):
     """How much is done for a broken function, and on which states functions are tried."""
 
-    max_repairs: Count
-    max_fresh: Count
-    probe_envs: Annotated[int, Range(2)]
-    probe_steps: Positive
+    max_repairs: Few
+    max_fresh: Few
+    probe_envs: Annotated[int, Range(2, 2**14)]
+    probe_steps: Annotated[int, Range(1, 10**5)]
 
 
 @dataclass(frozen=True)
@@ -110,7 +124,7 @@ class ExplorationParams(Section):
     """The exploration bonus."""
 
     lambda_: NonNegative
-    cells: Annotated[int, Range(2)]
+    cells: Annotated[int, Range(2, 10**6)]
     discretiser: Literal["grid", "sum"]
     simhash_bits: Annotated[int, Range(1, 20)]
 
@@ -119,11 +133,11 @@ class ExplorationParams(Section):
 class TrainParams(Section):
     """One policy's training by PPO."""
 
-    rung_epochs: Positive
+    rung_epochs: Annotated[int, Range(1, 10**6)]
     length: Literal["iteration", "run"]
-    num_envs: Annotated[int, Range(2)]
-    steps_per_epoch: Positive
-    hidden: Sequence[Positive]
+    num_envs: Annotated[int, Range(2, 2**17)]
+    steps_per_epoch: Annotated[int, Range(1, 2**17)]
+    hidden: Sequence[Annotated[int, Range(1, 2**13)]]
     activation: Literal["elu", "relu", "tanh"]
     init_std: Annotated[float, Range(1e-3)]
     normalise_observations: bool
@@ -136,7 +150,7 @@ class TrainParams(Section):
     entropy: NonNegative
     value_coefficient: NonNegative
     max_grad_norm: Annotated[float, Range(1e-6)]
-    passes: Positive
+    passes: Several
     minibatches: Positive
 
 
@@ -144,7 +158,7 @@ class TrainParams(Section):
 class ProbeParams(Section):
     """The search of alpha by short trainings (ROSKA)."""
 
-    trainings: Count
+    trainings: Few
     initial: Annotated[int, Range(2, 101)]
     share: Fraction
     length: Annotated[float, Range(1e-3)]
@@ -165,14 +179,14 @@ class MutateParams(Section):
     """How the best survivor is varied at half time."""
 
     pool: str
-    mutants: Count
+    mutants: Few
     vary: Sequence[Literal["beta", "alpha"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative
     window: Positive
-    points: Annotated[int, Range(2)]
-    max_fresh: Count
+    points: Annotated[int, Range(2, 10**4)]
+    max_fresh: Few
 
 
 @dataclass(frozen=True)
@@ -182,14 +196,14 @@ class FuseParams(Section):
     pool: str
     policy: Literal["fused", "random"]
     incumbent: Literal["latest", "best"]
-    points: Annotated[int, Range(2)]
+    points: Annotated[int, Range(2, 10**4)]
 
 
 @dataclass(frozen=True)
 class EvaluateParams(Section):
     """How far the winner's training depends on its seed."""
 
-    seeds: Count
+    seeds: Few
 
 
 @dataclass(frozen=True)
@@ -212,7 +226,7 @@ class SummariseParams(Section):
 class Iteration:
     """One entry of the unrolled loop."""
 
-    n: Positive
+    n: Several
     next: int | str
 
 
@@ -222,8 +236,8 @@ class Rung:
 
     rung: int | str
     pool: str
-    until: Positive
-    keep: Positive
+    until: Several
+    keep: Several
 
 
 @dataclass(frozen=True)
@@ -334,20 +348,45 @@ def _check_together(params: Params, where: str) -> None:
     if exploration.discretiser == "sum" and exploration.cells > MOST_SUMMED_CELLS:
         expected = f"at most {MOST_SUMMED_CELLS} where exploration.discretiser is sum"
         raise ParamsError(wrong("exploration.cells", expected, exploration.cells, where))
+    if len(train.hidden) > MOST_LAYERS:
+        raise ParamsError(wrong("train.hidden", f"at most {MOST_LAYERS} layers", list(train.hidden), where))
     batch = train.num_envs * train.steps_per_epoch
+    if batch > MOST_STEPS:
+        expected = f"at most {MOST_STEPS} divided by train.num_envs = {train.num_envs}"
+        raise ParamsError(wrong("train.steps_per_epoch", expected, train.steps_per_epoch, where))
     if batch % train.minibatches:
         raise ParamsError(
             wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
         )
     _check_rungs(params, where)
-    if [entry.n for entry in params.iterations] != list(range(1, len(params.iterations) + 1)):
+    _check_iterations(params, where)
+
+
+def _check_iterations(params: Params, where: str) -> None:
+    """Raises a ParamsError where iterations do not follow each other."""
+    count = len(params.iterations)
+    if [entry.n for entry in params.iterations] != list(range(1, count + 1)):
         raise ParamsError(wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
+    for index, entry in enumerate(params.iterations):
+        name = f"iterations[{index}].next"
+        if entry.n < count and entry.next != entry.n + 1:
+            raise ParamsError(wrong(name, f"{entry.n + 1}, the iteration after it", entry.next, where))
+        if entry.n == count and (entry.next in range(1, count + 1) or not _is_name(entry.next)):
+            expected = "a folder's name of its own, of letters, digits and dashes, such as result"
+            raise ParamsError(wrong(name, expected, entry.next, where))
+
+
+def _is_name(value: int | str) -> bool:
+    return _NAME.fullmatch(str(value)) is not None
 
 
 def _check_rungs(params: Params, where: str) -> None:
     """Raises a ParamsError where a rung reads a pool that is not there yet, or keeps more candidates than it has."""
     sizes = {"validate-code": params.generate.candidates}
     for index, rung in enumerate(params.rungs):
+        if not _is_name(rung.rung) or f"eliminate-{rung.rung}" in sizes:
+            expected = "a name of its own, of letters, digits and dashes"
+            raise ParamsError(wrong(f"rungs[{index}].rung", expected, rung.rung, where))
         if rung.pool == "mutate" and params.mutate.pool in sizes:
             sizes["mutate"] = sizes[params.mutate.pool] + params.mutate.mutants
         if rung.pool not in sizes:
@@ -358,3 +397,5 @@ def _check_rungs(params: Params, where: str) -> None:
         sizes[f"eliminate-{rung.rung}"] = rung.keep
     if sizes.get(params.fuse.pool) != 1:
         raise ParamsError(wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))
+    if params.mutate.pool not in sizes:
+        raise ParamsError(wrong("mutate.pool", f"one of {', '.join(sizes)}", params.mutate.pool, where))

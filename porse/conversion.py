@@ -13,17 +13,22 @@ from typing import Annotated, Any, Literal
 
 from porse.errors import ParamsError
 
+_SHOWN = 200
+"""Characters of a wrong value that an error repeats."""
+
+LARGEST = 1e9
+"""No parameter is larger, so that a slip of the keyboard is found before it becomes an overflow."""
+
 
 @dataclass(frozen=True)
 class Range:
     """Bounds of a number, both included."""
 
     low: float
-    high: float = math.inf
+    high: float = LARGEST
 
 
 Positive = Annotated[int, Range(1)]
-Count = Annotated[int, Range(0)]
 Fraction = Annotated[float, Range(0.0, 1.0)]
 NonNegative = Annotated[float, Range(0.0)]
 
@@ -66,7 +71,10 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
 def _convert_scalar(value: Any, kind: Any, name: str, where: str) -> Any:
     """Returns a bool, int, float or str of the wanted type; an int is a fine float, a bool is no int."""
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            raise ParamsError(wrong(name, f"a number of at most {LARGEST:g}", value, where)) from None
     allowed = typing.get_args(kind) or (kind,)
     if not isinstance(value, allowed) or (isinstance(value, bool) and bool not in allowed):
         expected = " or ".join(option.__name__ for option in allowed)
@@ -133,4 +141,7 @@ def convert_part(value: Mapping[str, Any], section: type, name: str, where: str,
 
 def wrong(name: str, expected: str, found: Any, where: str) -> str:
     """Returns the text of an error about one value."""
-    return f"expected {name} to be {expected}, found {found!r} in {where}; change it there"
+    text = repr(found)
+    if len(text) > _SHOWN:
+        text = f"{text[:_SHOWN]}..."
+    return f"expected {name} to be {expected}, found {text} in {where}; change it there"

@@ -123,8 +123,9 @@ class Runs:
 
     def outs(self, task: str, name: str, where: str = "once") -> dict[str, str]:
         """The hash of every output, by its path, as the lock names it."""
-        lock = yaml.safe_load((self.folder(task, name, where) / "dvc.lock").read_text())
-        return {out["path"]: out["md5"] for stage in lock["stages"].values() for out in stage["outs"]}
+        locks = [yaml.safe_load(path.read_text()) for path in self.folder(task, name, where).rglob("dvc.lock")]
+        stages = [stage for lock in locks for name, stage in lock["stages"].items() if name != "resolve"]
+        return {out["path"]: out["md5"] for stage in stages for out in stage["outs"]}
 
     def table(self, task: str, name: str, table: str) -> list[dict]:
         return tables.read(self.folder(task, name) / "results" / f"{table}.parquet", tables.TABLES[table])
