@@ -1,7 +1,6 @@
 """What a stage depends on: the parameters that it reads, the files that it runs, and that both stay as they were."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -316,22 +315,6 @@ def test_the_pipeline_follows_the_parameters(tmp_path):
     (tmp_path / "iterations" / "2" / "dvc.yaml").write_text("stages: {}\n")
     with pytest.raises(ParamsError, match=r"expected iterations/2/dvc\.yaml"):
         check_pipeline(tmp_path, params)
-
-
-def modules_of(project: Path, kind: str, command: list[str]) -> set[str]:
-    """The files of the package that a stage imports, in whatever process: Python itself reports every import."""
-    environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    names = re.findall(r"^import time:.*\| +(porse[\w.]*)$", done.stderr, re.MULTILINE)
-    assert names
-    files = set[str]()
-    for name in names:
-        base = project.joinpath(*name.split("."))
-        files |= {
-            str(path.relative_to(project)) for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()
-        }
-    return files
 
 
 def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):

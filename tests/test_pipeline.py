@@ -18,6 +18,7 @@ import yaml
 
 from porse import tables
 from porse.config import load_params
+from porse.inputs.stages import NO_RESULT, STAGES
 from porse.report.figures import chain_fitness
 from porse.report.run import read_lineage
 from porse.training import evaluation
@@ -238,3 +239,76 @@ def test_an_edited_reply_is_refused(recorded, warm, tmp_path):
     assert "Traceback" not in done.stdout + done.stderr
     assert not (clone / "run" / "1" / "generate").exists()
     assert (clone / "iterations" / "1" / "dvc.lock").read_bytes() == lock
+
+
+EDITING = """#!/bin/sh
+case "$*" in *"-m stages.{stage} "*) {edit} ;; esac
+exec "{python}" "$@"
+"""
+
+
+def edited_while(recorded: Path, clone: Path, warm: Path, stage: str, edit: str) -> subprocess.CompletedProcess[str]:
+    """Runs fuse of iteration 1 again in a clone where a stage finds a file edited when it starts."""
+    git(recorded, "clone", "-q", str(recorded), str(clone))
+    dvc(clone, "cache", "dir", "--local", str(recorded / ".dvc" / "cache"))
+    python = clone / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(EDITING.format(stage=stage, edit=edit, python=warm / "bin" / "python"))
+    python.chmod(0o755)
+    dvc(clone, "checkout")
+    return dvc(clone, "repro", "--force", "--single-item", "iterations/1/dvc.yaml:fuse", check=False)
+
+
+def test_parameters_edited_while_a_stage_runs_are_those_of_the_next_run(recorded, warm, tmp_path):
+    clone = tmp_path / "clone"
+    done = edited_while(recorded, clone, warm, "fuse", "sed -i s/points:.10/points:\\ 9/ params.yaml")
+    assert done.returncode == 0, done.stderr
+    assert git(clone, "status", "--porcelain", "--untracked-files=no") == " M params.yaml\n"
+    assert list(json.loads(dvc(clone, "status", "--json").stdout)) == ["resolve"]
+
+
+def test_code_edited_before_a_stage_runs_stops_it(recorded, warm, tmp_path):
+    clone = tmp_path / "clone"
+    done = edited_while(recorded, clone, warm, "fuse", "echo '# new' >> porse/pool.py")
+    assert done.returncode != 0
+    assert "found porse/pool.py changed since stage resolve wrote them down" in done.stderr
+    assert git(clone, "status", "--porcelain", "--untracked-files=no") == " M porse/pool.py\n"
+    # The next run begins with what has changed; a comment changes no output of the stages that run again.
+    again = dvc(clone, "repro", "iterations/1/dvc.yaml:fuse")
+    assert "Running stage 'resolve'" in again.stdout
+
+
+def modules_of(project: Path, command: str) -> set[str]:
+    """The files of the package that a stage imports, in whatever process: Python itself reports every import."""
+    environment = {"PYTHONPROFILEIMPORTTIME": "1", "PORSE_PYTHON": str(BIN / "python")}
+    done = run(project, "sh", "-c", command, **environment)
+    names = re.findall(r"^import time:.*\| +(porse[\w.]*)$", done.stderr, re.MULTILINE)
+    assert names
+    files = set[str]()
+    for name in names:
+        base = project.joinpath(*name.split("."))
+        files |= {
+            str(path.relative_to(project)) for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()
+        }
+    return files
+
+
+def kinds() -> list:
+    """The stages; all but two of them belong to the long suite, since every one is started in earnest."""
+    return [
+        kind if kind in ("train-population", "eliminate") else pytest.param(kind, marks=pytest.mark.slow)
+        for kind in STAGES
+    ]
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_what_a_stage_imports_when_it_runs_is_among_its_inputs(recorded, tmp_path, kind):
+    files = (recorded / "dvc.yaml", recorded / "iterations" / "2" / "dvc.yaml")
+    stages = {name: each for path in files for name, each in yaml.safe_load(path.read_text())["stages"].items()}
+    name = kind if kind in stages else f"{kind}-1"
+    command = stages[name]["cmd"]
+    for number, out in enumerate(stages[name]["outs"] + [next(iter(each)) for each in stages[name].get("metrics", [])]):
+        command = re.sub(f" {out}(?= |$)", f" {tmp_path / str(number)}", command)
+    inputs = json.loads((recorded / "inputs" / f"{kind}.json").read_text())
+    found = modules_of(recorded, command)
+    assert found - set(inputs["files"]) - set(NO_RESULT) == set()
