@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from porse.errors import PorseError
 from porse.inputs.stages import STAGES
 from porse.methods import ABLATIONS, METHODS, origins, overridden
 from porse.pipeline import check_pipeline, write_pipeline
-from porse.repair import repair
 from porse.report.markdown import results_table
+from porse.repro import reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
 _LAZY = {
@@ -110,13 +109,10 @@ def pipeline(check: bool) -> None:
 @main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def repro(arguments: tuple[str, ...]) -> None:
-    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS, in the place of this process."""
-    if not Path("dvc.yaml").is_file():
-        raise PorseError(f"expected dvc.yaml in {Path.cwd()}, found none; run from the project's root")
-    for line in [*write_pipeline(Path(), load_params(Path("params.yaml"))), *repair(Path())]:
-        click.echo(line)
-    sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "dvc", "repro", *arguments])
+    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
+    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True))
+    # As a shell says it: a process that a signal ended has no code of its own.
+    sys.exit(code if code >= 0 else 128 - code)
 
 
 @main.command("methods")

@@ -8,4 +8,5 @@ import os
 from porse.processes import die_with_parent
 
 # stages/python.sh says who started it, so that a stage whose DVC ended before this line ends, too.
-die_with_parent(int(os.environ["PORSE_PARENT"]) if "PORSE_PARENT" in os.environ else None)
+_parent = os.environ.pop("PORSE_PARENT", "")
+die_with_parent(int(_parent) if _parent else None)

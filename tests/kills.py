@@ -120,7 +120,7 @@ def kill_at_random(project: Path, draw: random.Random, longest_s: float) -> Kill
     """Kills DVC some time after its start."""
     process = start(project)
     time.sleep(draw.uniform(0.0, longest_s))
-    return _ended("random", process, project)
+    return _ended("random", process, project, dvc_alone=draw.random() < 0.5)
 
 
 def kill_in_a_write(project: Path, name: str, number: int, share: int) -> Kill:
@@ -142,8 +142,13 @@ def kill_at_a_start(project: Path, wanted: str, delay_s: float) -> Kill:
     return _ended(f"start of {wanted} + {1000 * delay_s:.0f} ms", process, project)
 
 
-def _ended(how: str, process: subprocess.Popen[str], project: Path) -> Kill:
-    process.send_signal(signal.SIGKILL)
+def _ended(how: str, process: subprocess.Popen[str], project: Path, dvc_alone: bool = False) -> Kill:
+    """Kills DVC, or the guard that started it and that DVC ends with."""
+    inner = [number for number, words in living(project).items() if " -m dvc repro" in words]
+    if dvc_alone and inner:
+        os.kill(inner[0], signal.SIGKILL)
+    else:
+        process.send_signal(signal.SIGKILL)
     killed = time.monotonic()
     process.wait()
     while living(project) and time.monotonic() - killed < WAIT_S:

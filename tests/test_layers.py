@@ -23,6 +23,7 @@ LAYERS: list[set[str]] = [
     {"training", "generation"},
     {"report", "check_code", "film", "task_probe"},
     {"repair"},
+    {"repro"},
     {"show", "suite"},
     {"cli"},
 ]
