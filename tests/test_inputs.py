@@ -28,7 +28,7 @@ TRAININGS = ("train-population", "evaluate")
 def project(tmp_path_factory) -> Path:
     """A copy of the project's files, to change them."""
     folder = tmp_path_factory.mktemp("project")
-    for name in (*COPIED, "params.yaml"):
+    for name in (*COPIED, "params.yaml", "llm_cache/refreshed.txt"):
         (folder / name).parent.mkdir(exist_ok=True)
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -96,7 +96,11 @@ def test_a_change_of_a_script_concerns_its_stage_alone(project):
 
 def test_a_recorded_reply_is_no_input(project):
     files = {name for own in inputs_of(project).values() for name in own.files}
-    assert not any(name.startswith("llm_cache") for name in files)
+    assert {name for name in files if name.startswith("llm_cache")} == {"llm_cache/refreshed.txt"}
+
+
+def test_a_refreshed_reply_concerns_the_stages_that_ask(project):
+    assert concerned(project, "llm_cache/refreshed.txt") == {"generate", "validate-code", "mutate"}
 
 
 def test_another_task_has_its_own_files_and_those_that_it_shares(project):

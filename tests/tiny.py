@@ -38,6 +38,7 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
     (project / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
     write_pipeline(project, load_params(project / "params.yaml"))
     (project / "llm_cache").mkdir()
+    (project / "llm_cache" / "refreshed.txt").touch()
     (project / ".venv").symlink_to(venv)
     run(project, "git", "init", "-q")
     dvc(project, "init", "-q")

@@ -10,7 +10,7 @@ class Stage:
     Attributes:
         script: the module that DVC runs.
         parameters: names of what it reads in the resolved `params.yaml`: `task`, `train`, `candidate.goal`.
-        folders: folders whose files it reads as they are.
+        folders: files, and folders of files, that it reads as they are.
     """
 
     script: str
@@ -22,13 +22,15 @@ PACKAGES = "requirements.lock"
 """The pinned packages, which every result depends on."""
 
 _ALL = ("numerics",)
+_ASKED = ("prompts", "llm_cache/refreshed.txt")
+"""Records are found by their question and written once, so they are no inputs; the list of those that were replaced is."""
 _ASKS = ("task", "seed", "generator", "llm", "candidate", "generate")
 
 STAGES: dict[str, Stage] = {
     "begin": Stage("stages.begin", (*_ALL, "task", "seed", "train")),
-    "generate": Stage("stages.generate", (*_ALL, *_ASKS, "islands"), ("prompts",)),
+    "generate": Stage("stages.generate", (*_ALL, *_ASKS, "islands"), _ASKED),
     "validate-code": Stage(
-        "stages.validate_code", (*_ALL, *_ASKS, "islands", "validate", "probe"), ("prompts",)
+        "stages.validate_code", (*_ALL, *_ASKS, "islands", "validate", "probe"), _ASKED
     ),
     "train-population": Stage(
         "stages.train_population",
@@ -36,7 +38,7 @@ STAGES: dict[str, Stage] = {
          "iterations"),
     ),
     "eliminate": Stage("stages.eliminate", (*_ALL, "eliminate")),
-    "mutate": Stage("stages.mutate", (*_ALL, *_ASKS, "eliminate", "mutate", "fuse"), ("prompts",)),
+    "mutate": Stage("stages.mutate", (*_ALL, *_ASKS, "eliminate", "mutate", "fuse"), _ASKED),
     "fuse": Stage(
         "stages.fuse",
         (*_ALL, "task", "seed", "candidate", "generate", "islands", "train", "eliminate", "fuse",
