@@ -1,9 +1,10 @@
 """Kills a run again and again, at random and where it hurts, and checks that it goes on by itself to the same bytes.
 
-`python tests/kills.py FOLDER RANDOM AIMED` makes a tiny project in FOLDER, kills that many runs of it, adds a line for
+`python tests/kills.py FOLDER RANDOM AIMED [empty]` makes a tiny project in FOLDER, kills that many runs of it, adds a line for
 each to FOLDER/kills.jsonl, and prints what came out. Started again with the same folder, it goes on. For tests.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from empty_stages import PYTHON
+from empty_stages import PYTHON, params_of
 from tiny import BIN, QUIET, committed_params, make_project
 
 WAIT_S = 5.0
@@ -88,7 +89,7 @@ class Victim:
             (venv / "bin").mkdir(parents=True)
             (venv / "bin" / "python").write_text(PYTHON)
             (venv / "bin" / "python").chmod(0o755)
-        return make_project(project, committed_params() if self._empty else tiny_params(), venv)
+        return make_project(project, params_of(2) if self._empty else tiny_params(), venv)
 
     def differences(self, project: Path) -> list[str]:
         """Returns the files that are not as in the undisturbed run."""
@@ -116,8 +117,9 @@ def mended(output: str) -> list[str]:
     return [line for line in output.splitlines() if "taken away" in line or "in its place" in line]
 
 
-def kill_at_random(project: Path, draw: random.Random, longest_s: float) -> Kill:
-    """Kills DVC some time after its start."""
+def kill_at_random(project: Path, number: int, longest_s: float = 8.0) -> Kill:
+    """Kills DVC some time after its start; the number says when."""
+    draw = random.Random(f"kill {number}")
     process = start(project)
     time.sleep(draw.uniform(0.0, longest_s))
     return _ended("random", process, project, dvc_alone=draw.random() < 0.5)
@@ -193,6 +195,10 @@ def bytes_of(project: Path) -> dict[str, str]:
     return {name: hashlib.sha256((project / name).read_bytes()).hexdigest() for name in sorted(names)}
 
 
+WRITES = 20
+"""Of the kills where they hurt, the first ones are in DVC's own writes."""
+
+
 def aimed_kills() -> list[Callable[[Path], Kill]]:
     """Returns thirty kills where they hurt."""
     writes = [("dvc.lock", number, share) for number in (1, 2, 4, 7) for share in (0, 37, 99)]
@@ -212,14 +218,22 @@ def aimed_kills() -> list[Callable[[Path], Kill]]:
     return [*(writing(*each) for each in writes), *(starting(*each) for each in starts)]
 
 
-def campaign(folder: Path, random_kills: int, aimed: int, at_once: int = 5) -> dict[str, Any]:
-    """Kills runs, several times before each is let finish, and returns what came out of all of them so far."""
-    victim, log = Victim(folder, empty=False), folder / "kills.jsonl"
+def campaign(folder: Path, random_kills: int, aimed: int, empty: bool = False, at_once: int = 5) -> dict[str, Any]:
+    """Kills runs, several times before each is let finish, and returns what came out of all of them so far.
+
+    Args:
+        folder: where it is done; a campaign that was begun there goes on.
+        random_kills: how many kills at random.
+        aimed: how many of `aimed_kills`.
+        empty: stages do nothing, and kills aim at DVC's own writes alone.
+        at_once: how many times a run is killed before it is let finish.
+    """
+    victim, log = Victim(folder, empty), folder / "kills.jsonl"
     done = len(log.read_text().splitlines()) if log.exists() else 0
-    plan: list[Callable[[Path], Kill]] = list(aimed_kills()[:aimed])
-    draw = random.Random(2026)
-    for _ in range(random_kills):
-        plan.insert(draw.randint(0, len(plan)), lambda project: kill_at_random(project, draw, 8.0))
+    plan: list[Callable[[Path], Kill]] = list((aimed_kills()[:WRITES] if empty else aimed_kills())[:aimed])
+    places = random.Random(2026)
+    for number in range(random_kills):
+        plan.insert(places.randint(0, len(plan)), functools.partial(kill_at_random, number=number))
     for first in range(done - done % at_once, len(plan), at_once):
         project = victim.fresh()
         kills = [kill(project) for kill in plan[first : first + at_once]]
@@ -243,6 +257,6 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    place, *counts = sys.argv[1:]
+    place, at_random, aimed, *rest = sys.argv[1:]
     Path(place).mkdir(parents=True, exist_ok=True)
-    print(campaign(Path(place).resolve(), *map(int, counts)))
+    print(campaign(Path(place).resolve(), int(at_random), int(aimed), empty=rest == ["empty"]))

@@ -273,9 +273,8 @@ def test_code_edited_before_a_stage_runs_stops_it(recorded, warm, tmp_path):
     assert done.returncode != 0
     assert "found porse/pool.py changed since stage resolve wrote them down" in done.stderr
     assert git(clone, "status", "--porcelain", "--untracked-files=no") == " M porse/pool.py\n"
-    # The next run begins with what has changed; a comment changes no output of the stages that run again.
-    again = dvc(clone, "repro", "iterations/1/dvc.yaml:fuse")
-    assert "Running stage 'resolve'" in again.stdout
+    # The next run begins with what has changed.
+    assert "Running stage 'resolve'" in dvc(clone, "repro", "resolve").stdout
 
 
 def modules_of(project: Path, command: str) -> set[str]:
