@@ -230,10 +230,10 @@ def campaign(folder: Path, random_kills: int, aimed: int, empty: bool = False, a
     """
     victim, log = Victim(folder, empty), folder / "kills.jsonl"
     done = len(log.read_text().splitlines()) if log.exists() else 0
-    plan: list[Callable[[Path], Kill]] = list((aimed_kills()[:WRITES] if empty else aimed_kills())[:aimed])
+    plan: list[Callable[[Path], Kill]] = [functools.partial(kill_at_random, number=n) for n in range(random_kills)]
     places = random.Random(2026)
-    for number in range(random_kills):
-        plan.insert(places.randint(0, len(plan)), functools.partial(kill_at_random, number=number))
+    for kill in (aimed_kills()[:WRITES] if empty else aimed_kills())[:aimed]:
+        plan.insert(places.randint(0, len(plan)), kill)
     for first in range(done - done % at_once, len(plan), at_once):
         project = victim.fresh()
         kills = [kill(project) for kill in plan[first : first + at_once]]
