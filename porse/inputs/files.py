@@ -1,5 +1,6 @@
 """The files that a stage's result depends on, each with its SHA-256, and which of them have changed."""
 
+import difflib
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,8 +42,10 @@ def task_files(root: Path, task: str) -> set[Path]:
         ParamsError: no task has that name, or the module of one's own is not there.
     """
     if not is_own(task) and task not in TASK_CLASSES:
+        near = difflib.get_close_matches(task, TASK_CLASSES, n=3) or sorted(TASK_CLASSES)
         raise ParamsError(
-            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in params.yaml; change it there"
+            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in params.yaml; the nearest "
+            f"names are {', '.join(near)}"
         )
     module = class_name(task).partition(":")[0]
     file = _module_file(root, module)
