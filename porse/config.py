@@ -20,7 +20,7 @@ MOST_SUMMED_CELLS = 1872
 """Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
 
 
-MOST_STEPS = 2**24
+MOST_STEPS = 2**22
 """Environment steps of one epoch that are held in memory at once."""
 
 MOST_LAYERS = 16
