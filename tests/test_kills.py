@@ -9,7 +9,7 @@ import pytest
 
 from kills import Victim, aimed_kills, campaign, finish, kill_in_a_write, start
 from porse.repair import is_whole, repair
-from tiny import dvc, run
+from tiny import BIN, dvc, run
 
 
 @pytest.fixture(scope="module")
@@ -140,9 +140,12 @@ def test_the_guard_hands_its_arguments_on_and_ends_as_dvc_does(locked):
     process = start(locked)
     output, _ = process.communicate()
     assert (process.returncode, "up to date" in output) == (0, True)
-    # Another run at the same time is DVC's to refuse.
-    from tiny import BIN
-
+    # A pipeline that is not what the parameters say is written first.
+    path = locked / "params.yaml"
+    path.write_text(path.read_text().replace("  next: result", "  next: 3\n- n: 3\n  next: result"))
+    dry = run(locked, str(BIN / "porse"), "repro", "--dry", "resolve")
+    assert dry.stderr == "iterations/2/dvc.yaml: written\niterations/3/dvc.yaml: written\n"
+    assert "Running stage 'resolve'" in dry.stdout
     done = run(locked, str(BIN / "porse"), "repro", "--dry", "no-such-stage", check=False)
     assert done.returncode != 0
     assert "no-such-stage" in done.stderr
