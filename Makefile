@@ -15,12 +15,14 @@ setup: .venv/ready
 
 # The default run: PoRSE on Quadcopter, from recorded replies, without a network.
 repro: setup
-	$(BIN)/dvc repro
+	$(BIN)/porse repro
 
-# Bit-identity: everything is computed again, and the committed lock must still name every byte.
+# Bit-identity: every recorded reply is what it was, everything is computed again, and the committed locks must still name
+# every byte.
 proof: setup
-	$(BIN)/dvc repro --force --no-run-cache
-	git diff --exit-code dvc.lock metrics.json
+	$(BIN)/porse llm verify
+	$(BIN)/porse repro --force --no-run-cache
+	git diff --exit-code dvc.lock iterations metrics.json
 
 test: setup
 	$(BIN)/pytest

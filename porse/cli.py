@@ -2,16 +2,20 @@
 
 import importlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
 from porse import __version__, numerics, tables
-from porse.config import load_params
+from porse.config import leaves, load_document, load_params, parse_params
 from porse.errors import PorseError
-from porse.methods import ABLATIONS, METHODS
+from porse.inputs.stages import STAGES
+from porse.methods import ABLATIONS, METHODS, origins, overridden
+from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
+from porse.repro import reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
 _LAZY = {
@@ -92,6 +96,44 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
 
     with checker(params) as check:
         run(params, Place(out, prompts, cache), check, click.echo)
+
+
+@main.command("params")
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
+@click.option("--stage", type=click.Choice([*STAGES]), help="Only what this stage reads.")
+def show_params(path: Path, stage: str | None) -> None:
+    """Print the parameters as stages read them, each with where it comes from when that is not the file."""
+    document = load_document(path)
+    parse_params(document, str(path))
+    resolved, source = overridden(document, str(path)), origins(document, str(path))
+    wanted = None if stage is None else STAGES[stage].parameters
+    for name, value in leaves(resolved):
+        if wanted is None or any(name == own or name.startswith(f"{own}.") for own in wanted):
+            origin = next((source[key] for key in source if name == key or name.startswith(f"{key}.")), "")
+            click.echo(f"{name}: {json.dumps(value)}{f'  # {origin}' if origin else ''}")
+
+
+@main.command("pipeline")
+@click.option("--check", is_flag=True, help="Write nothing; fail where something would be written.")
+def pipeline(check: bool) -> None:
+    """Write the dvc.yaml of each iteration from iterations, rungs, mutate.pool and fuse.pool of params.yaml."""
+    params = load_params(Path("params.yaml"))
+    if check:
+        check_pipeline(Path(), params)
+        return
+    for line in write_pipeline(Path(), params) or ["every dvc.yaml is as it should be"]:
+        click.echo(line)
+
+
+@main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def repro(arguments: tuple[str, ...]) -> None:
+    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
+    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True))
+    # As a shell says it: a process that a signal ended has no code of its own.
+    sys.exit(code if code >= 0 else 128 - code)
 
 
 @main.command("methods")

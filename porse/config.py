@@ -1,21 +1,51 @@
 """`params.yaml` as frozen dataclasses, with the sets of the method and the ablation laid over it.
 
 What a parameter means is said in `params.yaml` itself, above the key. A section is named after the stage that reads it.
+A stage has a part of the parameters, those that it reads; asking for another one is an error.
 """
 
-from collections.abc import Mapping, Sequence
+import copy
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import yaml
-
-from porse.conversion import Count, Fraction, NonNegative, Positive, Range, convert, wrong
+from porse.conversion import Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
+from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import overridden
 
 MOST_SUMMED_CELLS = 1872
 """Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
+
+
+MOST_STEPS = 2**22
+"""Environment steps of one epoch that are held in memory at once."""
+
+MOST_LAYERS = 16
+"""Hidden layers of a network."""
+
+Several = Annotated[int, Range(1, 1000)]
+Few = Annotated[int, Range(0, 1000)]
+
+_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?")
+"""Names of rungs and folders: they become names of stages, of folders, and words of a command."""
+
+
+class Section:
+    """Parameters that belong together; of those that a stage does not read, it has none."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Says which parameter is not there; called only for what is not there."""
+            if name not in type(self).__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__} has no {name}")
+            raise ParamsError(
+                f"expected this stage to read only the parameters that it depends on, found it reading {name} of "
+                f"{type(self).__name__}; name it among the stage's sections in porse/inputs/stages.py"
+            )
 
 
 @dataclass(frozen=True)
@@ -34,13 +64,13 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class LlmParams:
+class LlmParams(Section):
     """The model that writes rewards and mappings, and how it is sampled."""
 
     profile: str
     temperature: Annotated[float, Range(0.0, 2.0)]
     top_p: Annotated[float, Range(1e-6, 1.0)]
-    max_tokens: Positive
+    max_tokens: Annotated[int, Range(1, 10**7)]
     profiles: Mapping[str, Profile]
 
     @property
@@ -50,7 +80,7 @@ class LlmParams:
 
 
 @dataclass(frozen=True)
-class CandidateParams:
+class CandidateParams(Section):
     """What a candidate's total reward is made of, and its weights before anything mutates."""
 
     goal: Literal["generated", "sparse", "human"]
@@ -61,11 +91,11 @@ class CandidateParams:
 
 
 @dataclass(frozen=True)
-class GenerateParams:
+class GenerateParams(Section):
     """How many candidates an iteration has, and where they come from."""
 
-    candidates: Positive
-    elites: Count
+    candidates: Several
+    elites: Few
     iterations: Literal["every", "first"]
     parents: Literal["winner", "islands"]
     mappings: Literal["generator", "spliced"]
@@ -73,45 +103,45 @@ class GenerateParams:
 
 
 @dataclass(frozen=True)
-class IslandsParams:
+class IslandsParams(Section):
     """The population that rewards evolve in (REvolve)."""
 
-    count: Positive
-    size: Positive
+    count: Several
+    size: Several
     crossover: Fraction
     migration: Fraction
     temperature: Annotated[float, Range(1e-6)]
 
 
 @dataclass(frozen=True)
-class ValidateParams:
+class ValidateParams(Section):
     """How much is done for a broken function, and on which states functions are tried."""
 
-    max_repairs: Count
-    max_fresh: Count
-    probe_envs: Annotated[int, Range(2)]
-    probe_steps: Positive
+    max_repairs: Few
+    max_fresh: Few
+    probe_envs: Annotated[int, Range(2, 2**14)]
+    probe_steps: Annotated[int, Range(1, 10**5)]
 
 
 @dataclass(frozen=True)
-class ExplorationParams:
+class ExplorationParams(Section):
     """The exploration bonus."""
 
     lambda_: NonNegative
-    cells: Annotated[int, Range(2)]
+    cells: Annotated[int, Range(2, 10**6)]
     discretiser: Literal["grid", "sum"]
     simhash_bits: Annotated[int, Range(1, 20)]
 
 
 @dataclass(frozen=True)
-class TrainParams:
+class TrainParams(Section):
     """One policy's training by PPO."""
 
-    rung_epochs: Positive
+    rung_epochs: Annotated[int, Range(1, 10**6)]
     length: Literal["iteration", "run"]
-    num_envs: Annotated[int, Range(2)]
-    steps_per_epoch: Positive
-    hidden: Sequence[Positive]
+    num_envs: Annotated[int, Range(2, 2**17)]
+    steps_per_epoch: Annotated[int, Range(1, 2**17)]
+    hidden: Sequence[Annotated[int, Range(1, 2**13)]]
     activation: Literal["elu", "relu", "tanh"]
     init_std: Annotated[float, Range(1e-3)]
     normalise_observations: bool
@@ -124,15 +154,15 @@ class TrainParams:
     entropy: NonNegative
     value_coefficient: NonNegative
     max_grad_norm: Annotated[float, Range(1e-6)]
-    passes: Positive
+    passes: Several
     minibatches: Positive
 
 
 @dataclass(frozen=True)
-class ProbeParams:
+class ProbeParams(Section):
     """The search of alpha by short trainings (ROSKA)."""
 
-    trainings: Count
+    trainings: Few
     initial: Annotated[int, Range(2, 101)]
     share: Fraction
     length: Annotated[float, Range(1e-3)]
@@ -141,7 +171,7 @@ class ProbeParams:
 
 
 @dataclass(frozen=True)
-class EliminateParams:
+class EliminateParams(Section):
     """How candidates are ranked, and how many go on."""
 
     keep: Literal["rungs", "all", "one"]
@@ -149,35 +179,35 @@ class EliminateParams:
 
 
 @dataclass(frozen=True)
-class MutateParams:
+class MutateParams(Section):
     """How the best survivor is varied at half time."""
 
     pool: str
-    mutants: Count
+    mutants: Few
     vary: Sequence[Literal["beta", "alpha"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative
     window: Positive
-    points: Annotated[int, Range(2)]
-    max_fresh: Count
+    points: Annotated[int, Range(2, 10**4)]
+    max_fresh: Few
 
 
 @dataclass(frozen=True)
-class FuseParams:
+class FuseParams(Section):
     """What an iteration hands to the next one."""
 
     pool: str
     policy: Literal["fused", "random"]
     incumbent: Literal["latest", "best"]
-    points: Annotated[int, Range(2)]
+    points: Annotated[int, Range(2, 10**4)]
 
 
 @dataclass(frozen=True)
-class EvaluateParams:
+class EvaluateParams(Section):
     """How far the winner's training depends on its seed."""
 
-    seeds: Count
+    seeds: Few
 
 
 @dataclass(frozen=True)
@@ -189,7 +219,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class SummariseParams:
+class SummariseParams(Section):
     """What a run's metrics are measured against, by task."""
 
     references: Mapping[str, Reference]
@@ -200,7 +230,7 @@ class SummariseParams:
 class Iteration:
     """One entry of the unrolled loop."""
 
-    n: Positive
+    n: Several
     next: int | str
 
 
@@ -210,12 +240,12 @@ class Rung:
 
     rung: int | str
     pool: str
-    until: Positive
-    keep: Positive
+    until: Several
+    keep: Several
 
 
 @dataclass(frozen=True)
-class Params:
+class Params(Section):
     """All of `params.yaml`."""
 
     task: str
@@ -240,6 +270,13 @@ class Params:
     iterations: Sequence[Iteration]
     rungs: Sequence[Rung]
 
+    def with_seed(self, seed: int) -> "Params":
+        """Returns the same parameters with another seed; what is not there stays away."""
+        other = copy.copy(self)
+        # The dataclass is frozen, and nobody has seen the copy yet.
+        object.__setattr__(other, "seed", seed)
+        return other
+
 
 def load_params(path: Path) -> Params:
     """Returns the checked parameters of the file at `path`.
@@ -247,15 +284,21 @@ def load_params(path: Path) -> Params:
     Raises:
         ParamsError: the file is missing, is no YAML mapping, or a parameter is missing, unknown or out of range.
     """
+    return parse_params(load_document(path), str(path))
+
+
+def load_document(path: Path) -> Any:
+    """Returns the parsed `params.yaml` at `path`, unchecked and without the sets of its method and ablation.
+
+    Raises:
+        ParamsError: the file is missing or is no YAML.
+    """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return read_yaml(path)
     except FileNotFoundError:
         raise ParamsError(
             f"expected the parameters in {path}, found no such file; run from the project's root"
         ) from None
-    except yaml.YAMLError as error:
-        raise ParamsError(f"expected YAML in {path}, found: {' '.join(str(error).split())}; mend the file") from None
-    return parse_params(document, str(path))
 
 
 def parse_params(document: Any, where: str) -> Params:
@@ -268,6 +311,29 @@ def parse_params(document: Any, where: str) -> Params:
     params: Params = convert(laid_over, Params, "", where)
     _check_together(params, where)
     return params
+
+
+def parse_part(document: Mapping[str, Any], where: str) -> Params:
+    """Returns the parameters of a stage: those that the document holds, and no others.
+
+    Args:
+        document: a part of a resolved `params.yaml`, which was checked as a whole.
+        where: names it in errors.
+
+    Raises:
+        ParamsError: a parameter is unknown, mistyped or out of range; or, later, one that is not there is asked for.
+    """
+    part: Params = convert_part(document, Params, "", where, Section)
+    return part
+
+
+def leaves(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields the values of a document by their dotted names, in its order; a list is one value."""
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def _check_together(params: Params, where: str) -> None:
@@ -286,20 +352,45 @@ def _check_together(params: Params, where: str) -> None:
     if exploration.discretiser == "sum" and exploration.cells > MOST_SUMMED_CELLS:
         expected = f"at most {MOST_SUMMED_CELLS} where exploration.discretiser is sum"
         raise ParamsError(wrong("exploration.cells", expected, exploration.cells, where))
+    if len(train.hidden) > MOST_LAYERS:
+        raise ParamsError(wrong("train.hidden", f"at most {MOST_LAYERS} layers", list(train.hidden), where))
     batch = train.num_envs * train.steps_per_epoch
+    if batch > MOST_STEPS:
+        expected = f"at most {MOST_STEPS} divided by train.num_envs = {train.num_envs}"
+        raise ParamsError(wrong("train.steps_per_epoch", expected, train.steps_per_epoch, where))
     if batch % train.minibatches:
         raise ParamsError(
             wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
         )
     _check_rungs(params, where)
-    if [entry.n for entry in params.iterations] != list(range(1, len(params.iterations) + 1)):
+    _check_iterations(params, where)
+
+
+def _check_iterations(params: Params, where: str) -> None:
+    """Raises a ParamsError where iterations do not follow each other."""
+    count = len(params.iterations)
+    if [entry.n for entry in params.iterations] != list(range(1, count + 1)):
         raise ParamsError(wrong("iterations", "n = 1, 2, 3, ...", [entry.n for entry in params.iterations], where))
+    for index, entry in enumerate(params.iterations):
+        name = f"iterations[{index}].next"
+        if entry.n < count and entry.next != entry.n + 1:
+            raise ParamsError(wrong(name, f"{entry.n + 1}, the iteration after it", entry.next, where))
+        if entry.n == count and (entry.next in range(1, count + 1) or not _is_name(entry.next)):
+            expected = "a folder's name of its own, of letters, digits and dashes, such as result"
+            raise ParamsError(wrong(name, expected, entry.next, where))
+
+
+def _is_name(value: int | str) -> bool:
+    return _NAME.fullmatch(str(value)) is not None
 
 
 def _check_rungs(params: Params, where: str) -> None:
     """Raises a ParamsError where a rung reads a pool that is not there yet, or keeps more candidates than it has."""
     sizes = {"validate-code": params.generate.candidates}
     for index, rung in enumerate(params.rungs):
+        if not _is_name(rung.rung) or f"eliminate-{rung.rung}" in sizes:
+            expected = "a name of its own, of letters, digits and dashes"
+            raise ParamsError(wrong(f"rungs[{index}].rung", expected, rung.rung, where))
         if rung.pool == "mutate" and params.mutate.pool in sizes:
             sizes["mutate"] = sizes[params.mutate.pool] + params.mutate.mutants
         if rung.pool not in sizes:
@@ -310,3 +401,5 @@ def _check_rungs(params: Params, where: str) -> None:
         sizes[f"eliminate-{rung.rung}"] = rung.keep
     if sizes.get(params.fuse.pool) != 1:
         raise ParamsError(wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))
+    if params.mutate.pool not in sizes:
+        raise ParamsError(wrong("mutate.pool", f"one of {', '.join(sizes)}", params.mutate.pool, where))

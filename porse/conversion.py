@@ -13,17 +13,22 @@ from typing import Annotated, Any, Literal
 
 from porse.errors import ParamsError
 
+_SHOWN = 200
+"""Characters of a wrong value that an error repeats."""
+
+LARGEST = 1e9
+"""No parameter is larger, so that a slip of the keyboard is found before it becomes an overflow."""
+
 
 @dataclass(frozen=True)
 class Range:
     """Bounds of a number, both included."""
 
     low: float
-    high: float = math.inf
+    high: float = LARGEST
 
 
 Positive = Annotated[int, Range(1)]
-Count = Annotated[int, Range(0)]
 Fraction = Annotated[float, Range(0.0, 1.0)]
 NonNegative = Annotated[float, Range(0.0)]
 
@@ -81,7 +86,10 @@ def _convert_json(value: Any, name: str, where: str) -> Any:
 def _convert_scalar(value: Any, kind: Any, name: str, where: str) -> Any:
     """Returns a bool, int, float or str of the wanted type; an int is a fine float, a bool is no int."""
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            raise ParamsError(wrong(name, f"a number of at most {LARGEST:g}", value, where)) from None
     allowed = typing.get_args(kind) or (kind,)
     if not isinstance(value, allowed) or (isinstance(value, bool) and bool not in allowed):
         expected = " or ".join(option.__name__ for option in allowed)
@@ -115,6 +123,40 @@ def _convert_section(value: Any, section: type, name: str, where: str) -> Any:
     return section(**converted)
 
 
+def convert_part(value: Mapping[str, Any], section: type, name: str, where: str, open_class: type) -> Any:
+    """Returns an incomplete dataclass from a mapping that has some of its fields; the others are left unset.
+
+    Args:
+        value: what the document holds.
+        section: the dataclass.
+        name: the value's dotted name; empty for the document.
+        where: names the document in errors.
+        open_class: dataclasses below `section` may be incomplete, too, where they are derived from this class.
+
+    Raises:
+        ParamsError: a value is unknown, mistyped or out of range.
+    """
+    fields = {field.name.rstrip("_"): field for field in dataclasses.fields(section)}
+    hints = typing.get_type_hints(section, include_extras=True)
+    part: Any = object.__new__(section)
+    for key, item in value.items():
+        if key not in fields:
+            raise ParamsError(wrong(f"{name}{key}", f"one of {', '.join(fields)}", item, where))
+        kind = hints[fields[key].name]
+        is_open = isinstance(kind, type) and issubclass(kind, open_class)
+        converted = (
+            convert_part(item, kind, f"{name}{key}.", where, open_class)
+            if is_open
+            else convert(item, kind, f"{name}{key}", where)
+        )
+        # The dataclass is frozen, and nobody has seen this one yet.
+        object.__setattr__(part, fields[key].name, converted)
+    return part
+
+
 def wrong(name: str, expected: str, found: Any, where: str) -> str:
     """Returns the text of an error about one value."""
-    return f"expected {name} to be {expected}, found {found!r} in {where}; change it there"
+    text = repr(found)
+    if len(text) > _SHOWN:
+        text = f"{text[:_SHOWN]}..."
+    return f"expected {name} to be {expected}, found {text} in {where}; change it there"

@@ -10,13 +10,15 @@ from typing import Any, NoReturn
 import click
 
 from porse import numerics
-from porse.config import Params, load_params
+from porse.config import Params
 from porse.errors import PorseError
+from porse.inputs.resolve import check_unchanged, read_inputs
 
 LOGS = Path("logs")
+_INPUTS, _READ = "porse.inputs", "porse.inputs.read"
 
 
-class StageCommand(click.Command):
+class PlainCommand(click.Command):
     """A click command that prints a PorseError as its paragraph, without a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -25,6 +27,25 @@ class StageCommand(click.Command):
             return super().invoke(ctx)
         except PorseError as error:
             raise click.ClickException(str(error)) from error
+
+
+class StageCommand(PlainCommand):
+    """The command of a stage that has inputs: `--inputs FILE` names them, and they are the same before and after."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.params.append(click.Option(["--inputs"], required=True, type=click.Path(path_type=Path)))
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs the command; raises ClickException where it raised a PorseError, or where its inputs have changed."""
+        ctx.meta[_INPUTS] = ctx.params.pop("inputs")
+        result = super().invoke(ctx)
+        path = ctx.meta[_INPUTS]
+        try:
+            check_unchanged(Path(), path, ctx.meta[_READ], "while the stage ran")
+        except PorseError as error:
+            raise click.ClickException(str(error)) from error
+        return result
 
 
 def run_stage(command: click.Command) -> NoReturn:
@@ -44,12 +65,16 @@ def folder(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 
 
 def begin() -> Params:
-    """Returns the parameters of the run, with the numeric profile set before anything imports torch.
+    """Returns the parameters of the stage, with the numeric profile set before anything imports torch.
 
     Raises:
-        ParamsError: the parameters are wrong.
+        ParamsError: the parameters are wrong, or the code is no longer what the stage's inputs say.
     """
-    params = load_params(Path("params.yaml"))
+    context = click.get_current_context()
+    path = context.meta[_INPUTS]
+    inputs, params = read_inputs(path)
+    context.meta[_READ] = inputs
+    check_unchanged(Path(), path, inputs, "since stage resolve wrote them down")
     numerics.apply(params.numerics)
     return params
 

@@ -8,15 +8,29 @@ from click.testing import CliRunner
 
 from porse.tables import CANDIDATES, FEEDBACK, MEMBER_FEEDBACK, MEMBERS, write
 
-GENERATE = ["--iteration", "1", "--start", "start", "--prompts", "prompts", "--cache", "llm_cache", "--out", "out"]
+GENERATE = [
+    "--inputs",
+    "inputs/generate.json",
+    "--iteration",
+    "1",
+    "--start",
+    "start",
+    "--prompts",
+    "prompts",
+    "--cache",
+    "llm_cache",
+    "--out",
+    "out",
+]
 
 
 @pytest.fixture
 def project(root, tmp_path, monkeypatch):
-    """A folder with the committed parameters, prompts and replies, and an iteration's start."""
-    for name in ("prompts", "llm_cache"):
-        shutil.copytree(root / name, tmp_path / name)
-    shutil.copy(root / "params.yaml", tmp_path)
+    """A folder with the committed files that stages read, and an iteration's start."""
+    for name in ("prompts", "llm_cache", "porse", "stages", "iterations"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("params.yaml", "dvc.yaml", "requirements.lock"):
+        shutil.copy(root / name, tmp_path)
     write(tmp_path / "start" / "winner.parquet", CANDIDATES, [])
     write(tmp_path / "start" / "feedback.parquet", FEEDBACK, [])
     write(tmp_path / "start" / "members.parquet", MEMBERS, [])
@@ -30,6 +44,12 @@ def stage(name, *words):
     return CliRunner().invoke(importlib.import_module(f"stages.{name}").main, list(words))
 
 
+def generate():
+    """Runs stage resolve, and where it can, stage generate."""
+    resolved = stage("resolve", "--params", "params.yaml", "--out", "inputs")
+    return stage("generate", *GENERATE) if resolved.exit_code == 0 else resolved
+
+
 def change(project, before, after):
     path = project / "params.yaml"
     text = path.read_text()
@@ -38,7 +58,7 @@ def change(project, before, after):
 
 
 def test_the_committed_project_generates_from_its_recorded_replies(project):
-    done = stage("generate", *GENERATE)
+    done = generate()
     assert done.exit_code == 0, done.output
     assert (project / "out" / "replies.parquet").exists()
 
@@ -56,7 +76,7 @@ def test_the_committed_project_generates_from_its_recorded_replies(project):
 )
 def test_a_wrong_parameter_stops_the_stage_in_one_paragraph(project, before, after, words):
     change(project, before, after)
-    done = stage("generate", *GENERATE)
+    done = generate()
     assert done.exit_code == 1
     assert [word for word in words if word not in done.output] == []
     assert len(done.output.strip().splitlines()) == 1
@@ -66,13 +86,21 @@ def test_a_wrong_parameter_stops_the_stage_in_one_paragraph(project, before, aft
 def test_an_edited_reply_is_not_believed(project):
     for record in (project / "llm_cache").rglob("*.json"):
         record.write_text(record.read_text().replace("distance", "Distance"))
-    done = stage("generate", *GENERATE)
+    done = generate()
     assert done.exit_code == 1
     assert "cannot be trusted" in done.output
     assert not (project / "out").exists()
 
 
 def test_a_stage_without_its_input_says_which_stage_makes_it(project):
-    done = stage("eliminate", "--iteration", "1", "--rung", "1", "--keep", "5", "--trained", "nowhere", "--out", "out")
+    assert generate().exit_code == 0
+    words = ["--inputs", "inputs/eliminate.json", "--iteration", "1", "--rung", "1", "--keep", "5"]
+    done = stage("eliminate", *words, "--trained", "nowhere", "--out", "out")
     assert done.exit_code == 1
     assert "run `dvc repro` to make it" in done.output
+
+
+def test_a_stage_without_its_inputs_says_which_stage_makes_them(project):
+    done = stage("generate", *GENERATE)
+    assert done.exit_code == 1
+    assert "run `dvc repro resolve`" in done.output

@@ -80,6 +80,41 @@ def test_an_extra_field_of_a_request_may_be_whatever_json_holds(document):
     assert params.llm.profiles["local"].extra == extra
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("train.num_envs", 10**9, ["train.num_envs", "[2, 131072]"]),
+        ("train.steps_per_epoch", 2**17, ["train.steps_per_epoch", "at most 4194304 divided by"]),
+        ("train.hidden", [10**6], ["train.hidden[0]", "[1, 8192]"]),
+        ("train.hidden", [64] * 40, ["train.hidden", "at most 16 layers"]),
+        ("train.rung_epochs", 10**400, ["train.rung_epochs", "[1, 1e+06]", "000..."]),
+        ("train.learning_rate", 10**400, ["train.learning_rate", "at most 1e+09", "000..."]),
+        ("train.reward_scale", 1e300, ["train.reward_scale", "1e+09"]),
+        ("exploration.lambda", 1e30, ["exploration.lambda", "1e+09"]),
+        ("exploration.cells", 10**12, ["exploration.cells", "1e+06"]),
+        ("generate.candidates", 10**6, ["generate.candidates", "[1, 1000]"]),
+        ("evaluate.seeds", 10**6, ["evaluate.seeds", "[0, 1000]"]),
+        ("iterations", [{"n": 1, "next": 1}], ["iterations[0].next", "a folder's name of its own"]),
+        ("iterations", [{"n": 1, "next": "../x"}], ["iterations[0].next", "letters, digits and dashes"]),
+        ("iterations", [{"n": 1, "next": 3}, {"n": 2, "next": 3}], ["iterations[0].next", "2, the iteration after it"]),
+        ("rungs", [{"rung": "a; b", "pool": "validate-code", "until": 1, "keep": 1}], ["rungs[0].rung", "letters"]),
+        ("rungs", [{"rung": 1, "pool": "validate-code", "until": 1, "keep": 1}] * 2, ["rungs[1].rung", "of its own"]),
+        ("fuse.pool", "eliminate-9", ["fuse.pool", "keeps one"]),
+    ],
+)
+def test_an_absurd_value_is_refused_before_anything_is_computed(document, name, value, words):
+    with pytest.raises(ParamsError) as caught:
+        parse_params(changed(document, name, value), "params.yaml")
+    assert [word for word in [*words, "params.yaml"] if word not in str(caught.value)] == []
+    assert len(str(caught.value)) < 500
+
+
+def test_a_pool_of_mutants_that_no_rung_reads_must_be_there_all_the_same(document):
+    rungs = [{"rung": "only", "pool": "validate-code", "until": 1, "keep": 1}]
+    with pytest.raises(ParamsError, match=r"expected mutate\.pool to be one of validate-code, eliminate-only"):
+        parse_params(changed(changed(document, "rungs", rungs), "fuse.pool", "eliminate-only"), "params.yaml")
+
+
 def test_an_unknown_parameter_is_refused_with_its_nearest_name(document):
     with pytest.raises(ParamsError, match=r"train\.gama; did you mean train\.gamma\?"):
         parse_params(changed(document, "train.gama", 0.9), "params.yaml")

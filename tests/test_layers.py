@@ -1,4 +1,4 @@
-"""Layers import downwards only, and the `deps` of each stage cover what its script imports."""
+"""Layers import downwards only, and every stage in a `dvc.yaml` is what the others expect it to be."""
 
 import ast
 import itertools
@@ -8,19 +8,23 @@ from pathlib import Path
 import pytest
 import yaml
 
+from porse.inputs.stages import STAGES
+from porse.pipeline import check_pipeline
+
 LAYERS: list[set[str]] = [
-    {"errors", "identity", "processes", "variables"},
-    {"methods", "conversion", "tables", "checkpoint"},
+    {"errors", "identity", "processes", "task_names", "variables"},
+    {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"config"},
-    {"numerics", "prompts", "pool"},
-    {"stage", "warm"},
+    {"inputs", "numerics", "prompts", "pool"},
+    {"stage", "pipeline", "warm"},
     {"llm", "code", "sim"},
     {"tasks", "exploration"},
     {"search"},
     {"training", "generation"},
     {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
-    {"iteration"},
+    {"iteration", "repair"},
+    {"repro"},
     {"show", "suite"},
     {"cli"},
 ]
@@ -101,99 +105,63 @@ def test_nothing_imports_the_stages(root):
         assert not any(name.split(".")[0] == "stages" for name in imports(path)), path
 
 
-def file_of(root: Path, module: str) -> Path | None:
-    base = root.joinpath(*module.split("."))
-    for path in (base.with_suffix(".py"), base / "__init__.py"):
-        if path.is_file():
-            return path
-    return None
-
-
-def transitive(root: Path, script: Path) -> set[Path]:
-    """Returns the files of porse that a script imports, directly or not."""
-    found: set[Path] = set()
-    todo = [script]
-    while todo:
-        for name in imports(todo.pop()):
-            parts = name.split(".")
-            for depth in range(1, len(parts) + 1):
-                path = file_of(root, ".".join(parts[:depth])) if parts[0] == "porse" else None
-                if path is not None and path not in found:
-                    found.add(path)
-                    todo.append(path)
-    return found
-
-
-NO_RESULT = {
-    "porse/__init__.py",
-    "porse/report/__init__.py",  # a sentence
-    "porse/search/__init__.py",  # a sentence
-    "porse/steps/__init__.py",  # a sentence
-    "porse/errors.py",  # the words of an error change no result
-    "porse/stage.py",  # the command line
-    "porse/config.py",  # values are tracked as params
-    "porse/conversion.py",  # as above
-    "porse/methods/__init__.py",  # the chosen sets are tracked as params
-    "porse/methods/sets.py",  # as above
-    "porse/identity.py",  # fixed by golden vectors in its test
-    "porse/processes.py",  # who ends when
-    "porse/variables.py",  # a dataclass without behaviour
-}
-"""Modules that every stage imports and that change no result; rewording them retrains nobody."""
-
-
 def stages(root: Path) -> dict[str, dict]:
-    found = yaml.safe_load((root / "dvc.yaml").read_text())["stages"]
-    return {name: stage.get("do", stage) for name, stage in found.items()}
+    """The stages of the root and of iteration 2, by name."""
+    files = (root / "dvc.yaml", root / "iterations" / "2" / "dvc.yaml")
+    return {name: stage for path in files for name, stage in yaml.safe_load(path.read_text())["stages"].items()}
 
 
-STAGES = [
-    "begin", "generate", "validate-code", "train-population", "eliminate", "mutate", "fuse", "evaluate", "summarise",
-]  # fmt: skip
+NAMES = list(stages(Path(__file__).resolve().parent.parent))
 
 
-def test_the_stages_are_these(root):
-    assert list(stages(root)) == STAGES
+def test_every_kind_of_stage_is_declared(root):
+    kinds = {re.sub(r"^(train-population|eliminate)-.*", r"\1", name) for name in NAMES}
+    assert kinds == {*STAGES, "resolve"}
 
 
-@pytest.mark.parametrize("name", STAGES)
-def test_the_deps_of_a_stage_cover_what_its_script_imports(root, name):
+@pytest.mark.parametrize("name", NAMES)
+def test_a_stage_depends_on_its_inputs_and_on_folders_of_other_stages(root, name):
     stage = stages(root)[name]
-    script = re.search(r"-m (stages\.\w+)", stage["cmd"])[1].replace(".", "/") + ".py"
-    deps = [dep for dep in stage["deps"] if dep.startswith(("porse", "stages"))]
-    assert script in deps
-    assert all((root / dep).exists() for dep in deps)
-    needed = {str(path.relative_to(root)) for path in transitive(root, root / script)} - NO_RESULT
-    missing = [path for path in sorted(needed) if not any(path == dep or path.startswith(f"{dep}/") for dep in deps)]
-    assert missing == []
-    unused = [dep for dep in deps if not any(path == dep or path.startswith(f"{dep}/") for path in [*needed, script])]
-    assert unused == []
+    if name == "resolve":
+        assert stage["outs"] == [f"inputs/{kind}.json" for kind in sorted(STAGES)]
+        return
+    kind = next(kind for kind in STAGES if name == kind or name.startswith(f"{kind}-"))
+    assert f" -m {STAGES[kind].script} --inputs inputs/{kind}.json " in stage["cmd"]
+    first, *others = stage["deps"]
+    assert first == f"inputs/{kind}.json"
+    assert all(dep.split("/")[0] in {"run", "evaluation"} for dep in others)
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_path_in_a_command_is_a_dep_or_an_out(root, name):
     stage = stages(root)[name]
     outs = [out if isinstance(out, str) else next(iter(out)) for out in [*stage["outs"], *stage.get("metrics", [])]]
+    # Recorded replies never change, and prompts are among the inputs.
+    known = {*stage["deps"], *outs, "llm_cache", "prompts"} | ({"inputs"} if name == "resolve" else set())
     words = stage["cmd"].split()
     for option, value in itertools.pairwise(words):
         if option in {"--iteration", "--rung", "--until", "--keep", "-m"} or not option.startswith("--"):
             continue
-        assert value in [*stage["deps"], *outs], f"{option} {value}"
+        assert value in known, f"{option} {value}"
+    assert all(f" {path}" in stage["cmd"] for path in [*stage["deps"], *outs] if name != "resolve")
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_stage_takes_the_place_of_the_shell_that_starts_it(root, name):
-    assert stages(root)[name]["cmd"].startswith("exec ${python} -m stages.")
+    assert stages(root)[name]["cmd"].startswith("exec sh stages/python.sh -m stages.")
 
 
-@pytest.mark.parametrize("name", STAGES)
-def test_every_stage_says_what_it_does_and_names_its_parameters(root, name):
+@pytest.mark.parametrize("name", NAMES)
+def test_every_stage_says_what_it_does_and_runs_at_the_root(root, name):
     stage = stages(root)[name]
     assert stage["desc"]
-    sections = yaml.safe_load((root / "params.yaml").read_text())
-    sets, *names = stage["params"]
-    assert sets == {"porse/methods/sets.py": ["METHODS.${method}", "ABLATIONS.${ablation}"]}
-    assert {name.split(".")[0] for name in names} <= set(sections)
+    assert "params" not in stage
+    in_iteration = name in yaml.safe_load((root / "iterations" / "2" / "dvc.yaml").read_text())["stages"]
+    assert stage.get("wdir") == ("../.." if in_iteration else None)
+
+
+def test_the_pipeline_is_that_of_the_committed_parameters(root, params):
+    check_pipeline(root, params)
 
 
 def test_every_module_says_what_it_holds(root):

@@ -1,5 +1,6 @@
 """Records are written whole and once, and found by their name."""
 
+import hashlib
 import os
 import signal
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 
 from porse.errors import CacheError
-from porse.llm.store import Store
+from porse.llm.store import REFRESHED, Store
 from tests.llm_cases import RECORD, new_store, record
 
 
@@ -21,6 +22,19 @@ def store(tmp_path: Path) -> Store:
 def files(store: Store) -> dict[str, bytes]:
     paths = [path for path in store.cache_dir.rglob("*") if path.is_file()]
     return {str(path.relative_to(store.cache_dir)): path.read_bytes() for path in paths}
+
+
+def refreshed(store: Store) -> list[str]:
+    """The hashes in the list of replaced records, in its order; the list is taken away."""
+    path = store.cache_dir / REFRESHED
+    lines = [line.split() for line in path.read_text().splitlines()]
+    path.unlink()
+    assert {key for key, _ in lines} == {RECORD.key}
+    return [digest for _, digest in lines]
+
+
+def digest(text: str) -> str:
+    return hashlib.sha256(record(text).render()).hexdigest()
 
 
 def leftovers(store: Store) -> list[str]:
@@ -125,6 +139,7 @@ def test_supersede_keeps_the_old_record_beside_the_new(store: Store) -> None:
         else:
             store.supersede(record(text))
     directory = f"{RECORD.key[:2]}/{RECORD.key}"
+    assert refreshed(store) == [digest("two"), digest("three")]
     assert files(store) == {
         f"{directory}.1.json": record("one").render(),
         f"{directory}.2.json": record("two").render(),
@@ -206,6 +221,8 @@ def test_killed_at_every_step_of_a_refresh(tmp_path: Path) -> None:
         if store.read(RECORD.key) == old:
             store.supersede(new)
         directory = f"{RECORD.key[:2]}/{RECORD.key}"
+        # A kill between the two notes a refresh once more, and never leaves one out.
+        assert set(refreshed(store)) == {digest("new")}
         assert files(store) == {f"{directory}.1.json": old.render(), f"{directory}.json": new.render()}
         if not killed:
             break

@@ -14,6 +14,7 @@ import yaml
 
 from porse import tables
 from porse.errors import TaskError
+from porse.pipeline import check_dependency
 from porse.pool import policy_file, read_pool, write_pool
 from porse.tasks import find_task, make_task
 
@@ -156,13 +157,13 @@ def test_the_example_has_a_gymnasium_front(inside):
     assert env.step(env.action_space.sample())[1].shape == (2,)
 
 
-def test_the_recipe_gives_the_folder_to_every_stage_that_depends_on_tasks(root, project):
+def test_the_recipe_gives_the_folder_to_the_stage_that_looks_for_changes(root, project, tmp_path):
     recipe = re.search(r"^sed -i '(.*)' dvc\.yaml$", (root / "CONTRIBUTING.md").read_text(), re.MULTILINE)[1]
     edited = subprocess.run(["sed", recipe, root / "dvc.yaml"], capture_output=True, text=True, check=True).stdout
-    stages = {name: stage.get("do", stage) for name, stage in yaml.safe_load(edited)["stages"].items()}
-    with_tasks = {name for name, stage in stages.items() if "porse/tasks" in stage["deps"]}
-    assert {name for name, stage in stages.items() if "my_tasks" in stage["deps"]} == with_tasks
-    assert "train-population" in with_tasks
+    stages = yaml.safe_load(edited)["stages"]
+    assert [name for name, stage in stages.items() if "my_tasks" in stage["deps"]] == ["resolve"]
+    (tmp_path / "dvc.yaml").write_text(edited)
+    check_dependency(tmp_path, NAME)
 
 
 WRONG = """

@@ -9,9 +9,15 @@ from typing import Any
 
 import yaml
 
+from porse.config import load_params
+from porse.pipeline import write_pipeline
+
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
-COPIED = ("porse", "stages", "prompts", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore")
+COPIED = (
+    "porse", "stages", "prompts", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore",
+    "iterations/dvc.yaml.jinja",
+)  # fmt: skip
 QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}
 
 
@@ -27,22 +33,34 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
         if source.is_dir():
             shutil.copytree(source, project / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
+            (project / name).parent.mkdir(exist_ok=True)
             shutil.copy(source, project / name)
     (project / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
+    write_pipeline(project, load_params(project / "params.yaml"))
     (project / "llm_cache").mkdir()
+    (project / "llm_cache" / "refreshed.txt").touch()
     (project / ".venv").symlink_to(venv)
     run(project, "git", "init", "-q")
     dvc(project, "init", "-q")
     return project
 
 
-def run(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+def run(
+    where: Path, *command: str, check: bool = True, timeout_s: float = 280, **environment: str
+) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        command, cwd=where, env={**os.environ, **QUIET, **environment}, capture_output=True, text=True, timeout=280
+        command,
+        cwd=where,
+        env={**os.environ, **QUIET, **environment},
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
     )
     assert not check or done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done
 
 
-def dvc(where: Path, *command: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
-    return run(where, str(BIN / "dvc"), *command, check=check, **environment)
+def dvc(
+    where: Path, *command: str, check: bool = True, timeout_s: float = 280, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    return run(where, str(BIN / "dvc"), *command, check=check, timeout_s=timeout_s, **environment)

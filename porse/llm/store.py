@@ -1,10 +1,11 @@
 """The files of the cache: `llm_cache/<first two>/<key>.json`, written once, found by their name alone.
 
 A read needs no index and writes nothing, so a read-only checkout replays. A write is a temporary file outside the cache
-(the cache as a whole is a dependency of the pipeline: nothing but records may ever be seen in it), an fsync, and a hard
+(nothing but whole records may ever be seen in it), an fsync, and a hard
 link to the final name, which fails when the name exists: the file system itself keeps records write-once.
 """
 
+import hashlib
 import itertools
 import os
 import re
@@ -18,6 +19,8 @@ from porse.llm.record import Record, parse_record
 KEY_PATTERN = re.compile(r"[0-9a-f]{64}")
 SUPERSEDED_PATTERN = re.compile(r"([0-9a-f]{64})\.([1-9][0-9]*)")
 SHARD_DIGITS = 2
+REFRESHED = "refreshed.txt"
+"""In the cache, a line for each record that was replaced: stages that ask depend on this list, and on no record."""
 
 _counter = itertools.count()
 
@@ -143,9 +146,19 @@ class Store:
             raise CacheError(f"Expected a recorded reply to refresh, found no {path}. Record it first.")
         kept = self._keep(path)
         temporary = self._stage(record)
+        # Before the record itself: a line too many has stages look again, one too few would leave them with the old reply.
+        self._note(record)
         os.replace(temporary, path)
         _sync_directory(path.parent)
         return kept
+
+    def _note(self, record: Record) -> None:
+        """Adds a line to the list of refreshed records: its key and the hash of the new record."""
+        line = f"{record.key} {hashlib.sha256(record.render()).hexdigest()}\n"
+        with (self.cache_dir / REFRESHED).open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
 
     def _keep(self, path: Path) -> Path:
         """Links the current record to its next free number; after a crash the copy may be there already."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from porse.errors import CacheError
 from porse.llm.record import Record, parse_record
-from porse.llm.store import KEY_PATTERN, SHARD_DIGITS, SUPERSEDED_PATTERN
+from porse.llm.store import KEY_PATTERN, REFRESHED, SHARD_DIGITS, SUPERSEDED_PATTERN
 
-OTHER_FILES = frozenset({"README.md"})
+OTHER_FILES = frozenset({"README.md", REFRESHED})
 """What may lie in the cache besides records."""
 
 SECRETS = {

@@ -1,8 +1,7 @@
 """What the methods and the ablations of the paper differ in: named sets of values that replace those of `params.yaml`.
 
 The method's set is laid over `params.yaml`, then the ablation's. Where a set says nothing, `params.yaml` holds. A stage
-sees nothing but the values, and DVC tracks the two chosen sets, so that editing another one concerns no stage. DVC reads
-this file without running it: it holds literals only.
+sees nothing but the values, so that editing another set concerns no stage (`porse.inputs`).
 """
 
 from typing import Any

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from porse.config import load_params
+from porse.documents import render_yaml
 from porse.errors import PorseError
+from porse.pipeline import write_pipeline
 from porse.suite.resolve import REPLIES
 
 _LINKED = (".venv", REPLIES, ".porse")
@@ -59,8 +60,9 @@ def fill_clone(work: Path, files: Sequence[str], source: Path, root: Path, param
     for name in _LINKED:
         (work / name).unlink(missing_ok=True)
         (work / name).symlink_to(root / name)
-    text = yaml.safe_dump(params, sort_keys=False, allow_unicode=True)
-    (work / "params.yaml").write_text(text, encoding="utf-8")
+    path = work / "params.yaml"
+    path.write_text(render_yaml(params), encoding="utf-8")
+    write_pipeline(work, load_params(path))
 
 
 def _call(where: Path, *command: str) -> str:

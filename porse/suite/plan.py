@@ -1,19 +1,17 @@
 """A suite's file as frozen dataclasses, and the runs that it asks for, in order."""
 
-import ast
 import difflib
-import importlib.util
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-
 from porse.conversion import Range, convert, wrong
+from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import ABLATIONS, METHODS
+from porse.task_names import TASK_CLASSES
 
 CHOSEN = ("task", "method", "ablation", "seed")
 """The parameters that an entry is named after; overrides leave them alone."""
@@ -80,11 +78,9 @@ def load_suite(path: Path) -> Suite:
         ParamsError: the file is missing, is no YAML mapping, or what it says is unknown, mistyped or contradictory.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = read_yaml(path)
     except FileNotFoundError:
         raise ParamsError(f"expected a suite in {path}, found no such file; name one as in suites/") from None
-    except yaml.YAMLError as error:
-        raise ParamsError(f"expected YAML in {path}, found: {' '.join(str(error).split())}; mend the file") from None
     return parse_suite(document, str(path))
 
 
@@ -120,19 +116,6 @@ def parse_suite(document: Any, where: str) -> Suite:
     return Suite(file.name, file.overrides, (*combined, *listed))
 
 
-def task_names() -> list[str]:
-    """Returns the names in `porse.tasks.TASKS`, read from its source: importing the tasks imports torch."""
-    spec = importlib.util.find_spec("porse.tasks")
-    if spec is None or spec.origin is None:
-        raise ParamsError("expected the package porse.tasks, found none; install the project with make setup")
-    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "TASKS" and isinstance(node.value, ast.Dict):
-            return [
-                key.value for key in node.value.keys if isinstance(key, ast.Constant) and isinstance(key.value, str)
-            ]
-    raise ParamsError(f"expected a dictionary TASKS in {spec.origin}, found none; write it there as one")
-
-
 def _with(document: Any, **optional: Any) -> Any:
     """Returns a mapping with what it leaves out; anything else as it is, for `convert` to refuse."""
     return {**optional, **document} if isinstance(document, dict) else document
@@ -150,7 +133,7 @@ def _parse_entry(item: Any, name: str, where: str) -> Entry:
 def _check_task(value: str, name: str, where: str) -> None:
     # One outside the package is found by the first stage, among the tracked files.
     if not _OWN_TASK.fullmatch(value):
-        _check_known(value, task_names(), name, where)
+        _check_known(value, TASK_CLASSES, name, where)
 
 
 def _check_known(value: str, known: Iterable[str], name: str, where: str) -> None:

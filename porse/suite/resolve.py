@@ -1,24 +1,25 @@
 """What an entry runs with: its parameters, and the code, each with a content id."""
 
 import hashlib
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from porse.config import load_params, parse_params
+from porse.config import load_document, parse_params
+from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.identity import content_id
 from porse.methods import overridden
+from porse.pipeline import FOLDER as ITERATIONS
 from porse.suite.plan import Entry, Suite
 
 REPLIES = "llm_cache"
 """The folder of recorded replies; an entry reads the project's own."""
 
-_WRITTEN = ("params.yaml", "dvc.lock", "metrics.json")
+_WRITTEN = re.compile(r"params\.yaml|metrics\.json|dvc\.lock|iterations/[^/]+/dvc\.(yaml|lock)")
 """Tracked files that differ from entry to entry."""
 
 
@@ -49,8 +50,8 @@ def resolve(suite: Suite, root: Path, code: str, where: str) -> list[Resolved]:
         ParamsError: `params.yaml` is wrong, by itself or with an entry's overrides.
     """
     path = root / "params.yaml"
-    load_params(path)
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    document = load_document(path)
+    parse_params(document, str(path))
     return [_resolve(entry, laid_over(document, suite.overrides), code, where) for entry in suite.entries]
 
 
@@ -86,13 +87,14 @@ def tracked_files(root: Path) -> list[str]:
         raise PorseError(
             f"expected a Git repository in {root}, found: {' '.join(done.stderr.split())}; run from a clone's root"
         )
-    names = sorted(set(done.stdout.split("\0")) - {"", *_WRITTEN})
+    names = sorted(name for name in set(done.stdout.split("\0")) - {""} if not _WRITTEN.fullmatch(name))
     return [name for name in names if not name.startswith(f"{REPLIES}/") and (root / name).is_file()]
 
 
 def code_id(root: Path, files: Sequence[str]) -> str:
-    """Returns the content id of `dvc.yaml` and of those files that it names as `deps`, or that are below one.
+    """Returns the content id of `dvc.yaml`, of those files that it names as `deps`, or that are below one.
 
+    The template of the iterations' `dvc.yaml` counts, too; those files themselves follow from it and the parameters.
     What no stage depends on, such as documentation, is no part of it. Neither are recorded replies: an entry that is
     done had all of its own, and recording those of the next entry changes nothing for it.
 
@@ -103,9 +105,9 @@ def code_id(root: Path, files: Sequence[str]) -> str:
         raise PorseError(
             f"expected dvc.yaml among the tracked files of {root}, found none; run from the project's root"
         )
-    stages = yaml.safe_load((root / "dvc.yaml").read_text(encoding="utf-8"))["stages"].values()
-    deps = {dep for stage in stages for dep in stage.get("do", stage)["deps"]}
-    names = [name for name in files if name == "dvc.yaml" or _below(name, deps)]
+    stages = read_yaml(root / "dvc.yaml")["stages"].values()
+    deps = {dep for stage in stages for dep in stage["deps"]} | {"dvc.yaml", ITERATIONS}
+    names = [name for name in files if _below(name, deps)]
     hashes = {name: hashlib.sha256((root / name).read_bytes()).hexdigest() for name in names}
     return content_id("suite-code", hashes)
 

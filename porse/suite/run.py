@@ -5,7 +5,9 @@ import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
+from porse.repair import repair
 from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
 from porse.suite.folders import Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
@@ -80,8 +82,7 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     (folders.result(name) / "failed.json").unlink(missing_ok=True)
     fill_clone(folders.work, files, folders.source, root, resolved.params)
     write_json(folders.current, current)
-    # DVC would take a process that was killed, and that nobody has reaped yet, for one that is still at work here.
-    (folders.work / ".dvc" / "tmp" / "rwlock").unlink(missing_ok=True)
+    repair(folders.work)
     log = folders.log(name)
     log.parent.mkdir(exist_ok=True)
     code = _reproduce(folders.work, log, lock)
@@ -94,7 +95,9 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
         last = [line.rstrip() for line in lines if line.strip()][-_KEPT_LINES:]
         write_json(result / "failed.json", {**resolved.ids, "exit_code": code, "last_lines": last})
         return False
-    for kept in ("metrics.json", "params.yaml", "dvc.lock"):
+    locks = [path.relative_to(folders.work) for path in folders.work.glob(f"{ITERATIONS}/*/dvc.lock")]
+    for kept in (Path("metrics.json"), Path("params.yaml"), Path("dvc.lock"), *locks):
+        (result / kept).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(folders.work / kept, result / kept)
     shutil.copytree(folders.work / "results", result / "results")
     write_json(result / "done.json", resolved.ids)

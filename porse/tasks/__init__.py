@@ -1,72 +1,51 @@
-"""The tasks, by name. Adding one here means adding its class to `TASKS`; one of your own is named "module:Class"."""
+"""The tasks, by name. `porse/task_names.py` lists them; one of your own is named "module:Class".
+
+A task's module is imported when it is asked for: a run depends on the code of its own task and of no other.
+"""
 
 import difflib
+import importlib
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from porse.errors import TaskError
-from porse.tasks.anymal import Anymal
-from porse.tasks.base import Task
-from porse.tasks.block_stack import BlockStack
-from porse.tasks.bottle_cap import BottleCap
-from porse.tasks.catch_abreast import CatchAbreast
-from porse.tasks.catch_over2underarm import CatchOver2Underarm
-from porse.tasks.catch_underarm import CatchUnderarm
-from porse.tasks.door_close_inward import DoorCloseInward
-from porse.tasks.door_close_outward import DoorCloseOutward
-from porse.tasks.door_open_inward import DoorOpenInward
-from porse.tasks.door_open_outward import DoorOpenOutward
-from porse.tasks.franka_cabinet import FrankaCabinet
-from porse.tasks.grasp_and_place import GraspAndPlace
-from porse.tasks.humanoid import Humanoid
-from porse.tasks.kettle import Kettle
-from porse.tasks.lift_underarm import LiftUnderarm
-from porse.tasks.over import Over
-from porse.tasks.own import check_task, find_own_task, is_own
-from porse.tasks.pen import Pen
-from porse.tasks.push_block import PushBlock
-from porse.tasks.quadcopter import Quadcopter
-from porse.tasks.re_orientation import ReOrientation
-from porse.tasks.scissors import Scissors
-from porse.tasks.swing_cup import SwingCup
-from porse.tasks.switch import Switch
-from porse.tasks.switch_reachable import SwitchReachable
-from porse.tasks.two_catch_underarm import TwoCatchUnderarm
+from porse.task_names import TASK_CLASSES, is_own
 
-TASKS: dict[str, type[Task]] = {
-    "Quadcopter": Quadcopter,
-    "FrankaCabinet": FrankaCabinet,
-    "Anymal": Anymal,
-    "Humanoid": Humanoid,
-    "Over": Over,
-    "CatchAbreast": CatchAbreast,
-    "CatchOver2Underarm": CatchOver2Underarm,
-    "CatchUnderarm": CatchUnderarm,
-    "TwoCatchUnderarm": TwoCatchUnderarm,
-    "ReOrientation": ReOrientation,
-    "DoorCloseInward": DoorCloseInward,
-    "DoorCloseOutward": DoorCloseOutward,
-    "DoorOpenInward": DoorOpenInward,
-    "DoorOpenOutward": DoorOpenOutward,
-    "Scissors": Scissors,
-    "SwingCup": SwingCup,
-    "Switch": Switch,
-    "Kettle": Kettle,
-    "LiftUnderarm": LiftUnderarm,
-    "Pen": Pen,
-    "BottleCap": BottleCap,
-    "GraspAndPlace": GraspAndPlace,
-    "BlockStack": BlockStack,
-    "PushBlock": PushBlock,
-    "SwitchReachable": SwitchReachable,
-}
+if TYPE_CHECKING:
+    from porse.tasks.base import Task
+
+__all__ = ["TASKS", "find_task", "make_task"]
 
 
-def find_task(name: str) -> type[Task]:
+class _Tasks(Mapping[str, type["Task"]]):
+    """The classes of the package's tasks by name, each imported when it is looked up."""
+
+    def __getitem__(self, name: str) -> type["Task"]:
+        module, _, class_name = TASK_CLASSES[name].partition(":")
+        return getattr(importlib.import_module(module), class_name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TASK_CLASSES)
+
+    def __len__(self) -> int:
+        return len(TASK_CLASSES)
+
+    def __contains__(self, name: object) -> bool:
+        return name in TASK_CLASSES
+
+
+TASKS: Mapping[str, type["Task"]] = _Tasks()
+
+
+def find_task(name: str) -> type["Task"]:
     """Returns the class of the task with that name: a name in `TASKS`, or "module:Class" for a task of your own.
 
     Raises:
         TaskError: no task has that name.
     """
     if is_own(name):
+        from porse.tasks.own import find_own_task
+
         return find_own_task(name)
     if name not in TASKS:
         near = difflib.get_close_matches(name, TASKS, n=3) or sorted(TASKS)
@@ -76,7 +55,7 @@ def find_task(name: str) -> type[Task]:
     return TASKS[name]
 
 
-def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> Task:
+def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> "Task":
     """Returns a new task with its first episodes started.
 
     Args:
@@ -90,5 +69,7 @@ def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> Task:
     """
     task = find_task(name)(num_envs, seed, threads)
     if is_own(name):
+        from porse.tasks.own import check_task
+
         check_task(task)
     return task

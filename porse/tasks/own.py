@@ -26,11 +26,6 @@ _NEEDED = (
 """Class attributes that have no default."""
 
 
-def is_own(name: str) -> bool:
-    """Returns whether a task's name is of the form "module:Class"."""
-    return ":" in name
-
-
 def find_own_task(name: str) -> type[Task]:
     """Returns the class that "module:Class" names.
 

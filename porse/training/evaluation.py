@@ -40,7 +40,7 @@ def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) ->
 
 
 def _with_seed(params: Params, number: int) -> Params:
-    return dataclasses.replace(params, seed=evaluation_seed(params, number))
+    return params.with_seed(evaluation_seed(params, number))
 
 
 def _job(chain: Sequence[Row], index: int, params: Params, until: int, folder: Path) -> Job:

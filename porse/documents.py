@@ -1,0 +1,52 @@
+"""YAML files as DVC reads them: YAML 1.2, so that a value is the same for both, and a key that stands twice is refused."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+from porse.errors import ParamsError
+
+
+def read_yaml(path: Path) -> Any:
+    """Returns what a YAML file holds.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ParamsError: it is no YAML, or no text in UTF-8.
+    """
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
+        raise ParamsError(f"expected text in UTF-8 in {path}, found: {error}; save the file as UTF-8") from None
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """Returns what a YAML text holds; `where` names it in errors.
+
+    Raises:
+        ParamsError: it is no YAML, or holds something that is too large or nested too deep to be read.
+    """
+    # Imported here: stages read JSON, and this takes as long as all that they import besides.
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        # The very call of DVC's own reader.
+        return YAML(typ="safe").load(text)
+    except YAMLError as error:
+        # The library adds how its own defaults could be changed; the first lines say what and where.
+        found = " ".join(str(error).split("\n\n")[0].split())
+    except (ValueError, RecursionError) as error:
+        found = str(error)
+    raise ParamsError(f"expected YAML in {where}, found: {found}; mend the file")
+
+
+def render_yaml(document: Any) -> str:
+    """Returns a document as YAML text that `parse_yaml` and DVC read as the same document."""
+    from ruamel.yaml import YAML
+
+    # Of its writers, this one keeps the order of keys.
+    writer = YAML()
+    stream = io.StringIO()
+    writer.dump(document, stream)
+    return stream.getvalue()

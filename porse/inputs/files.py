@@ -1,0 +1,90 @@
+"""The files that a stage's result depends on, each with its SHA-256, and which of them have changed."""
+
+import difflib
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from porse.errors import ParamsError
+from porse.inputs.imports import imported_files
+from porse.inputs.stages import NO_RESULT, PACKAGES, Stage
+from porse.task_names import TASK_CLASSES, class_name, is_own
+
+_IGNORED = frozenset({"__pycache__"})
+_TASK_NAMES = "porse/task_names.py"
+"""It names the modules of all tasks; a stage imports that of the run's task."""
+
+
+def stage_files(root: Path, stage: Stage, task: str) -> dict[str, str]:
+    """Returns the SHA-256 of each file that a stage depends on, by its path below `root`, in the order of the paths.
+
+    Args:
+        root: the project's root.
+        stage: the stage.
+        task: the task of the run; its module is a dependency, those of others are none.
+
+    Raises:
+        ParamsError: no task has that name, or the module of one's own is not there.
+    """
+    paths = _imported(root, stage.script, "porse")
+    if "task" in stage.parameters and any(path.parts[-2:] == ("tasks", "__init__.py") for path in paths):
+        paths |= task_files(root, task)
+    for folder in (*stage.folders, PACKAGES):
+        paths |= _below(root / folder)
+    names = {path.relative_to(root).as_posix() for path in paths} - set(NO_RESULT)
+    return {name: _hash(root / name) for name in sorted(names)}
+
+
+def task_files(root: Path, task: str) -> set[Path]:
+    """Returns the files of a task: its module with what that imports; of one's own, all that is in its folder.
+
+    Raises:
+        ParamsError: no task has that name, or the module of one's own is not there.
+    """
+    if not is_own(task) and task not in TASK_CLASSES:
+        near = difflib.get_close_matches(task, TASK_CLASSES, n=3) or sorted(TASK_CLASSES)
+        raise ParamsError(
+            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in params.yaml; the nearest "
+            f"names are {', '.join(near)}"
+        )
+    module = class_name(task).partition(":")[0]
+    file = _module_file(root, module)
+    if not file.is_file():
+        raise ParamsError(
+            f"expected the module of task {task!r} at {file}, found no such file; mend its name or add it"
+        )
+    package = module.partition(".")[0]
+    files = _imported(root, module, "porse", package)
+    # A scene, a mesh or a table lies beside the module that reads it.
+    return files | _below(root / package) if is_own(task) and "." in module else files
+
+
+def changed_files(root: Path, files: Mapping[str, str]) -> list[str]:
+    """Returns those of the files that no longer have the SHA-256 that is named for them, or are gone."""
+    return [name for name, expected in files.items() if not (root / name).is_file() or _hash(root / name) != expected]
+
+
+def _imported(root: Path, module: str, *packages: str) -> set[Path]:
+    return imported_files(root, _module_file(root, module), frozenset(packages), frozenset({root / _TASK_NAMES}))
+
+
+def _module_file(root: Path, module: str) -> Path:
+    base = root.joinpath(*module.split("."))
+    package = base / "__init__.py"
+    return package if package.is_file() else base.with_suffix(".py")
+
+
+def _below(path: Path) -> set[Path]:
+    """Returns a file, or all files of a folder, without what Python or an editor leaves there."""
+    if path.is_file():
+        return {path}
+    found = {file for file in path.rglob("*") if file.is_file()}
+    return {
+        file
+        for file in found
+        if not any(part in _IGNORED or part.startswith(".") for part in file.relative_to(path).parts)
+    }
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

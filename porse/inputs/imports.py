@@ -1,0 +1,68 @@
+"""The modules that a Python file imports, read from its text: directly or through others, at the top or in a function.
+
+A module that is only named, in a text such as `"porse.training.server"`, counts as imported: that is how child processes
+are told what to run. Imports under `if TYPE_CHECKING:` do not count.
+"""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+
+def imported_files(root: Path, start: Path, packages: frozenset[str], lists: frozenset[Path]) -> set[Path]:
+    """Returns `start` and the files below `root` that it imports, directly or not.
+
+    Args:
+        root: where the top-level packages lie.
+        start: a Python file.
+        packages: top-level packages that are followed; what others import is theirs.
+        lists: files that name modules without importing them.
+    """
+    found = {start}
+    todo = [start]
+    while todo:
+        path = todo.pop()
+        names = set() if path in lists else _names_in(path.read_text(encoding="utf-8"))
+        imported = {file for name in names for file in _files(root, name, packages)}
+        todo.extend(imported - found)
+        found |= imported
+    return found
+
+
+def _files(root: Path, name: str, packages: frozenset[str]) -> Iterator[Path]:
+    """Yields the files that importing a dotted name runs; what the name has beyond a module is no file."""
+    parts = name.split(".")
+    if parts[0] not in packages:
+        return
+    for depth in range(1, len(parts) + 1):
+        base = root.joinpath(*parts[:depth])
+        for path in (base.with_suffix(".py"), base / "__init__.py"):
+            if path.is_file():
+                yield path
+
+
+@cache
+def _names_in(text: str) -> frozenset[str]:
+    names: set[str] = set()
+    _collect(ast.parse(text), names)
+    return frozenset(names)
+
+
+def _collect(node: ast.AST, names: set[str]) -> None:
+    """Adds what is imported at a node or below it."""
+    if isinstance(node, ast.Import):
+        names.update(alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+        names.add(node.module)
+        names.update(f"{node.module}.{alias.name}" for alias in node.names)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        name = node.value.partition(":")[0]
+        if "." in name and all(part.isidentifier() for part in name.split(".")):
+            names.add(name)
+    elif isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
+        for statement in node.orelse:
+            _collect(statement, names)
+        return
+    for child in ast.iter_child_nodes(node):
+        _collect(child, names)

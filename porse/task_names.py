@@ -1,0 +1,47 @@
+"""The tasks of the package by name, as text: which module holds each. Naming a task loads none of them.
+
+No stage's result depends on this file: what a stage depends on is the module that the run's task names (`porse.inputs`).
+"""
+
+TASK_CLASSES: dict[str, str] = {
+    "Quadcopter": "porse.tasks.quadcopter:Quadcopter",
+    "FrankaCabinet": "porse.tasks.franka_cabinet:FrankaCabinet",
+    "Anymal": "porse.tasks.anymal:Anymal",
+    "Humanoid": "porse.tasks.humanoid:Humanoid",
+    "Over": "porse.tasks.over:Over",
+    "CatchAbreast": "porse.tasks.catch_abreast:CatchAbreast",
+    "CatchOver2Underarm": "porse.tasks.catch_over2underarm:CatchOver2Underarm",
+    "CatchUnderarm": "porse.tasks.catch_underarm:CatchUnderarm",
+    "TwoCatchUnderarm": "porse.tasks.two_catch_underarm:TwoCatchUnderarm",
+    "ReOrientation": "porse.tasks.re_orientation:ReOrientation",
+    "DoorCloseInward": "porse.tasks.door_close_inward:DoorCloseInward",
+    "DoorCloseOutward": "porse.tasks.door_close_outward:DoorCloseOutward",
+    "DoorOpenInward": "porse.tasks.door_open_inward:DoorOpenInward",
+    "DoorOpenOutward": "porse.tasks.door_open_outward:DoorOpenOutward",
+    "Scissors": "porse.tasks.scissors:Scissors",
+    "SwingCup": "porse.tasks.swing_cup:SwingCup",
+    "Switch": "porse.tasks.switch:Switch",
+    "Kettle": "porse.tasks.kettle:Kettle",
+    "LiftUnderarm": "porse.tasks.lift_underarm:LiftUnderarm",
+    "Pen": "porse.tasks.pen:Pen",
+    "BottleCap": "porse.tasks.bottle_cap:BottleCap",
+    "GraspAndPlace": "porse.tasks.grasp_and_place:GraspAndPlace",
+    "BlockStack": "porse.tasks.block_stack:BlockStack",
+    "PushBlock": "porse.tasks.push_block:PushBlock",
+    "SwitchReachable": "porse.tasks.switch_reachable:SwitchReachable",
+}
+"""Each task's class as "module:Class", in the order of docs/tasks.md."""
+
+
+def is_own(name: str) -> bool:
+    """Returns whether a task's name is of the form "module:Class", which names a task outside the package."""
+    return ":" in name
+
+
+def class_name(task: str) -> str:
+    """Returns the "module:Class" of a task: of one of the package, or of one's own as it is named.
+
+    Raises:
+        KeyError: no task has that name.
+    """
+    return task if is_own(task) else TASK_CLASSES[task]
