@@ -73,6 +73,8 @@ NO_RESULT: dict[str, str] = {
     "porse/stage.py": "the command line of a stage",
     "porse/task_names.py": "the module that the run's task names is an input",
     "porse/training/bar.py": "what a terminal shows",
+    "porse/warm/__init__.py": "a sentence",
+    "porse/warm/client.py": "which process does a stage's work",
     "stages/__init__.py": "who ends when",
 }
 """Modules that stages import and that change no result, with the reason: changing them runs no stage again."""
