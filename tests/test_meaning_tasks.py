@@ -13,6 +13,7 @@ import torch
 from porse.tasks import TASKS, make_task, shadow
 from porse.tasks.free_hands import FreeHandTask
 from porse.tasks.hands import TwoHandTask
+from porse.tasks.humanoid_scene import GEARS
 from porse.tasks.success import SuccessTask
 
 NAMES = sorted(TASKS)
@@ -637,6 +638,67 @@ def test_a_humanoid_that_looks_aside_earns_less_and_one_that_leans_no_bonus(name
     fresh.potentials = fresh.prev_potentials = torch.zeros(ENVS)
     # 2 + 0.1 + 0.5; without the 0.1; 2 + 0.1 + 0.5 x 0.4 / 0.8
     assert fresh.human_reward().tolist() == pytest.approx([2.6, 2.5, 2.35], abs=1e-5)
+
+
+@each("Humanoid")
+def test_braking_costs_a_humanoid_what_pushing_costs(name, fresh, monkeypatch):
+    seen = torch.zeros(ENVS, 108)
+    seen[:, 10], seen[:, 11] = 1.0, 1.0
+    # a tenth of 20 rad/s, forward, backward, and none
+    seen[:, 33] = torch.tensor([2.0, -2.0, 0.0])
+    monkeypatch.setattr(fresh, "compute_observations", lambda: seen)
+    fresh.actions = torch.zeros(ENVS, 21).index_fill(1, torch.tensor([0]), -1.0)
+    fresh.potentials = fresh.prev_potentials = torch.zeros(ENVS)
+    power = 0.05 * 2.0 * GEARS[0] / 135.0
+    assert fresh.human_reward().tolist() == pytest.approx([2.59 - power, 2.59 - power, 2.59], abs=1e-5)
+
+
+@each("Quadcopter")
+def test_a_spin_is_held_at_two_turns_a_second_in_its_own_direction(name, fresh):
+    spins = [[30.0, -40.0, 0.0], [1.0, 2.0, -2.0], [0.0, 0.0, 20.0]]
+    fresh._physics.qvel[:, 3:6] = torch.tensor(spins, dtype=torch.float64)
+    fresh.actions = torch.zeros(ENVS, 12)
+    fresh._act()
+    bound = 4.0 * math.pi
+    expected = [[0.6 * bound, -0.8 * bound, 0.0], [1.0, 2.0, -2.0], [0.0, 0.0, bound]]
+    for found, wanted in zip(fresh._physics.qvel[:, 3:6].tolist(), expected, strict=True):
+        assert found == pytest.approx(wanted, abs=1e-6)
+
+
+@each("Quadcopter")
+def test_every_simulation_that_blows_up_is_counted(name, fresh):
+    fresh._physics.qvel[:2, 0] = float("nan")
+    fresh.step(torch.zeros(ENVS, 12))
+    assert fresh.blown_up == 2
+    assert fresh.terminated().tolist() == [True, True, False]
+
+
+@each("Pen", "Humanoid", "Anymal")
+def test_joint_torques_are_the_sum_of_what_acts_on_a_joint(name, fresh, monkeypatch):
+    real, acting = fresh._physics.read, {"qfrc_actuator": 1.0, "qfrc_passive": 2.0, "qfrc_constraint": 4.0}
+
+    def read(field, ids=None):
+        value = real(field, ids)
+        return torch.full_like(value, acting[field]) if field in acting else value
+
+    monkeypatch.setattr(fresh._physics, "read", read)
+    fresh._measure()
+    torques = fresh.torques if name == "Anymal" else fresh.dof_force_tensor
+    # what holds a joint at its limits is no torque of the quadruped's drives
+    assert set(torques.flatten().tolist()) == {3.0 if name == "Anymal" else 7.0}
+
+
+@each("Pen", "Over")
+def test_each_hand_is_told_by_its_own_joints(name, fresh):
+    model, joint = fresh._physics.model, shadow.JOINTS.index("FFJ3")
+    for side, angle in (("right", 0.1), ("left", -0.2)):
+        fresh._physics.qpos[:, int(model.joint(f"{side}/FFJ3").qposadr[0])] = angle
+        fresh._physics.qvel[:, int(model.joint(f"{side}/FFJ3").dofadr[0])] = 10.0 * angle
+    fresh._name_all()
+    assert fresh.shadow_hand_dof_pos[:, joint].tolist() == pytest.approx([0.1] * ENVS)
+    assert fresh.shadow_hand_another_dof_pos[:, joint].tolist() == pytest.approx([-0.2] * ENVS)
+    assert fresh.shadow_hand_dof_vel[:, joint].tolist() == pytest.approx([1.0] * ENVS)
+    assert fresh.shadow_hand_another_dof_vel[:, joint].tolist() == pytest.approx([-2.0] * ENVS)
 
 
 @each("FrankaCabinet")

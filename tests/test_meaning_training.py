@@ -172,6 +172,16 @@ def test_a_simhash_bonus_counts_the_observation_and_remembers_its_counts():
     assert other.pay({"obs_buf": torch.tensor([[1.0]])})[0].tolist() == pytest.approx([0.4 / 3**0.5])
 
 
+def test_a_rewards_state_is_its_bonuss():
+    counts = SimHashCounts(1, 3, 0.4, 0)
+    reward = Reward(fixed_goal, SimHashBonus(counts), 0.7, 2.0)
+    counts.bonus(torch.tensor([[1.0], [1.0]]))
+    assert reward.state()["counts"].tolist() == counts.counts.tolist()
+    other = SimHashCounts(1, 3, 0.4, 0)
+    Reward(fixed_goal, SimHashBonus(other), 0.7, 2.0).load_state(reward.state())
+    assert other.counts.tolist() == counts.counts.tolist()
+
+
 def test_no_bonus_is_zero_for_every_environment():
     bonus, progress = NoBonus().pay({"num_envs": 3})
     assert (bonus.tolist(), progress, NoBonus().state()) == ([0.0, 0.0, 0.0], {}, {})
