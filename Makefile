@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup repro proof test test-slow servers test-servers record-smollm2 check format
+.PHONY: setup repro proof test test-slow servers test-servers record-example check format
 
 setup: .venv/ready
 
@@ -41,7 +41,7 @@ test-servers: setup servers
 	$(BIN)/pytest -m servers
 
 # The example of a small model's run, asked for anew: after a change of prompts, checks or verdicts.
-record-smollm2: setup servers
+record-example: setup servers
 	$(BIN)/python tests/smollm2.py
 
 check: setup

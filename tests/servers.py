@@ -66,6 +66,8 @@ def engine(folder: Path, seed: int = 1, context: int = CONTEXT, key: str = "") -
     settings = {
         "model": weights, "model_alias": MODEL, "host": "127.0.0.1", "port": port, "seed": seed,
         "n_ctx": context, "n_threads": 1, "n_threads_batch": 1, "logits_all": "false", "verbose": "false",
+        # Questions share their beginnings, which are then read once.
+        "cache": "true",
         # The penalty looks back over no token: code repeats its names.
         "last_n_tokens_size": 0,
         **({"api_key": key} if key else {}),

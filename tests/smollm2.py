@@ -1,4 +1,4 @@
-"""The example in examples/smollm2: its run, and its recording anew by `python tests/smollm2.py` (`make record-smollm2`)."""
+"""The example in examples/smollm2: its run, and its recording anew by `python tests/smollm2.py` (`make record-example`)."""
 
 import csv
 import json

@@ -1,6 +1,6 @@
 """The recorded run of a small real model, replayed offline: its failures, its repairs, and how it ends.
 
-Where a prompt, a check or a verdict was changed on purpose, its questions are others: `make record-smollm2`.
+Where a prompt, a check or a verdict was changed on purpose, its questions are others: `make record-example`.
 """
 
 import shutil
@@ -15,7 +15,7 @@ from smollm2 import CACHE, EXAMPLE, Outcome, committed, params_document, run_fun
 from tiny import dvc, make_project
 from warm_stages import warm_stages
 
-AGAIN = "run `make record-smollm2` if a prompt or a verdict was changed on purpose"
+AGAIN = "run `make record-example` if a prompt or a verdict was changed on purpose"
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +33,11 @@ def test_the_run_ends_as_it_did_when_it_was_recorded(replayed):
 
 
 def test_every_attempt_that_the_parameters_allow_was_made(replayed):
-    """7 first replies and 2 repairs of each, for one reward and one mapping."""
+    """5 first replies and 2 repairs of each, for one reward and one mapping."""
     attempts = Counter(row["kind"] for row in replayed.rows)
     assert set(attempts) == {"reward", "mapping"}
-    assert max(attempts.values()) == 7 * 3
-    assert "none in 21 replies" in replayed.error
+    assert max(attempts.values()) == 5 * 3
+    assert "none in 15 replies" in replayed.error
 
 
 def test_failures_are_of_many_kinds_and_each_says_what_was_expected_or_found(replayed):
