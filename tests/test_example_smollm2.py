@@ -9,6 +9,7 @@ from collections import Counter
 import pytest
 import yaml
 
+from porse.errors import CacheMiss
 from porse.llm.store import Store
 from porse.llm.verify import verify
 from smollm2 import CACHE, EXAMPLE, Outcome, committed, params_document, run_functions
@@ -21,7 +22,10 @@ AGAIN = "run `make record-example` if a prompt or a verdict was changed on purpo
 @pytest.fixture(scope="module")
 def replayed() -> Outcome:
     """The functions of the run, from the recorded replies."""
-    return run_functions(CACHE)
+    try:
+        return run_functions(CACHE)
+    except CacheMiss as error:
+        pytest.fail(f"{AGAIN}. {error}", pytrace=False)
 
 
 def test_every_reply_gets_its_verdict_again(replayed):
