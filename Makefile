@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup repro proof test test-slow check format
+.PHONY: setup repro proof test test-slow servers test-servers record-example check format
 
 setup: .venv/ready
 
@@ -29,7 +29,22 @@ test: setup
 
 # The long suite: minutes to an hour.
 test-slow: setup
-	$(BIN)/pytest -m "slow or not slow" --timeout 3600
+	$(BIN)/pytest -m "not servers" --timeout 3600
+
+# An inference engine and a gateway, beside the project; the engine is compiled, ten to twenty minutes on one core.
+servers: .venv-servers/ready
+
+.venv-servers/ready: requirements-servers.lock
+	$(PYTHON) -m venv .venv-servers
+	.venv-servers/bin/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-servers.lock
+	@touch $@
+
+test-servers: setup servers
+	$(BIN)/pytest -m servers
+
+# The example of a small model's run, asked for anew: after a change of prompts, checks or verdicts.
+record-example: setup servers
+	$(BIN)/python tests/smollm2.py
 
 check: setup
 	$(BIN)/ruff check .
