@@ -6,7 +6,6 @@ import os
 import resource
 import signal
 import sys
-from collections.abc import Sequence
 
 _PR_SET_PDEATHSIG = 1
 
@@ -30,16 +29,7 @@ def die_with_parent(parent: int | None = None) -> None:
 
 
 PARENT_VARIABLE = "PORSE_PARENT"
-"""Names the process that must be a stage's parent."""
-
-
-def as_parent(command: Sequence[str]) -> list[str]:
-    """Returns a command that runs `command` as the process that the stages below it must have as their parent.
-
-    A stage can ask to end with its parent only once Python has started, some milliseconds after DVC has started it. It
-    cannot tell then whether its parent has ended in between, unless it knows who that was.
-    """
-    return ["/bin/sh", "-c", f'export {PARENT_VARIABLE}=$$; exec "$0" "$@"', *command]
+"""Names the process that must be a stage's parent: a stage asks to end with it some milliseconds after it was started."""
 
 
 def expected_parent() -> int | None:

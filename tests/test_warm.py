@@ -13,8 +13,9 @@ import pytest
 import yaml
 
 from porse.checkpoint import write_checkpoint
+from porse.config import load_document
+from porse.inputs.resolve import resolve_inputs
 from porse.pool import write_pool
-from porse.processes import as_parent
 from porse.training.start import random_policy
 from porse.warm.client import VARIABLE
 from porse.warm.start import warm_server
@@ -28,7 +29,7 @@ with warm_server("portable") as environment:
     print(environment["PORSE_WARM"], flush=True)
     sys.stdin.read()
 """
-ELIMINATE = ("--iteration", "1", "--rung", "1", "--keep", "1", "--trained", "pool")
+ELIMINATE = ("--inputs", "inputs/eliminate.json", "--iteration", "1", "--rung", "1", "--keep", "1", "--trained", "pool")
 KEY = "not-a-key-" + "of-anyone"
 """Joined here, so that only a process that was given it holds it in one piece."""
 
@@ -45,11 +46,13 @@ def row(name: str, slot: int) -> dict:
 def project(root, small, tmp_path_factory) -> Path:
     """A copy of what stages need, with tiny parameters, trainings without an end, and a pool of two."""
     folder = tmp_path_factory.mktemp("warm") / "a project"
-    for name in ("porse", "stages"):
+    for name in ("porse", "stages", "prompts", "llm_cache"):
         shutil.copytree(root / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(root / "requirements.lock", folder)
     params = yaml.safe_load((root / "params.yaml").read_text())
     params["train"] |= {"num_envs": 8, "steps_per_epoch": 8, "rung_epochs": 10**6, "hidden": [8], "minibatches": 2}
     (folder / "params.yaml").write_text(yaml.safe_dump(params))
+    write_inputs(folder)
     write_checkpoint(folder / "start.safetensors", random_policy(small, 1))
     curves = [
         {"iteration": 1, "rung": "1", "candidate_id": name, "series": "fitness", "epoch": 1, "value": value}
@@ -58,6 +61,12 @@ def project(root, small, tmp_path_factory) -> Path:
     rows = [row("one", 0), row("two", 1)]
     write_pool(folder / "pool", rows, curves, {"fused": folder / "start.safetensors"})
     return folder
+
+
+def write_inputs(folder: Path) -> None:
+    (folder / "inputs").mkdir(exist_ok=True)
+    for name, inputs in resolve_inputs(folder, load_document(folder / "params.yaml"), "params.yaml").items():
+        (folder / "inputs" / f"{name}.json").write_text(inputs.render())
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +118,7 @@ def changed(project: Path, folder: Path, name: str, before: str, after: str) -> 
     path = folder / "changed" / name
     assert path.read_text().count(before) == 1
     path.write_text(path.read_text().replace(before, after))
+    write_inputs(folder / "changed")
     return folder / "changed"
 
 
@@ -116,7 +126,7 @@ def changed(project: Path, folder: Path, name: str, before: str, after: str) -> 
     ("name", "before", "after"),
     [
         ("porse/search/elimination.py", '"""Who goes on:', '"""Who stays:'),
-        ("stages/eliminate.py", "survive{best}", "go on{best}"),
+        ("porse/steps/eliminate.py", "survive{best}", "go on{best}"),
         ("params.yaml", "numerics: portable", "numerics: fast"),
         ("params.yaml", "numerics: portable", "'numerics': portable"),
     ],
@@ -154,10 +164,9 @@ def test_a_stage_whose_parent_has_ended_before_it_could_ask_does_not_start(proje
     orphan.communicate(timeout=60)
     assert orphan.returncode == -signal.SIGKILL
     assert not (project / f"child-{warm}").exists()
-    script = f"exec {sys.executable} -m {' '.join(command)}"
-    told = {**os.environ, **environment}
-    # `sh` is the parent here, in the place of DVC.
-    done = subprocess.run(as_parent(["/bin/sh", "-c", f"({script}); exit $?"]), cwd=project, env=told, check=False)
+    # The shell is the parent here, in the place of DVC.
+    script = f"PORSE_PARENT=$$ {sys.executable} -m {' '.join(command)}; exit $?"
+    done = subprocess.run(["/bin/sh", "-c", script], cwd=project, env={**os.environ, **environment}, check=False)
     assert done.returncode == 0
     assert (project / f"child-{warm}" / "survivors.parquet").exists()
 
@@ -214,7 +223,8 @@ def holds(process: int, text: bytes) -> bool:
 
 def training(project: Path, environment: dict[str, str]) -> subprocess.Popen[str]:
     """Starts a stage that trains two candidates without an end."""
-    command = ("--iteration", "1", "--rung", "1", "--until", "1", "--pool", "pool", "--out", "trained")
+    inputs = ("--inputs", "inputs/train-population.json")
+    command = (*inputs, "--iteration", "1", "--rung", "1", "--until", "1", "--pool", "pool", "--out", "trained")
     return start(project, "stages.train_population", *command, PORSE_WORKERS="2", **environment)
 
 
