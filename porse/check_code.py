@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from porse.code.contract import Kind
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.validate import Submission, judge
-from porse.code.verdict import Verdict
+from porse.functions.read.contract import Kind
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.validate import Submission, judge
+from porse.functions.verdict import Verdict
 
 
 @click.command("check-code")

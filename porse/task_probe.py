@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from porse.code.probe import serve
+from porse.functions.read.probe import serve
 from porse.generation.states import probe_states
 from porse.tasks import find_task
 from porse.variables import Variable

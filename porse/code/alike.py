@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeGuard
 
 from porse.code.annotations import number_kind, type_text, value_type
-from porse.code.contract import MAX_INTEGER
+from porse.functions.read.contract import MAX_INTEGER
 from porse.code.program import Program
 from porse.code.syntax import all_arguments, defaults, given_values
 from porse.variables import Variable

@@ -3,11 +3,11 @@
 import ast
 from collections.abc import Callable, Mapping
 
-from porse.code.contract import TORCH_CONSTANTS
+from porse.functions.read.contract import TORCH_CONSTANTS
 from porse.code.hoist import number_type
 from porse.code.scan import parse_expression
 from porse.code.syntax import all_arguments, assigned_values, defaults
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.variables import Variable
 
 TYPE_OF_KIND = {"tensor": "Tensor", "int": "int", "float": "float", "device": "Device"}

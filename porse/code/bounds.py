@@ -8,9 +8,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from porse.code.contract import MAX_ELEMENTS, MAX_LOOP, MAX_ROUNDS, words
+from porse.functions.read.contract import MAX_ELEMENTS, MAX_LOOP, MAX_ROUNDS, words
 from porse.code.graph import line_of, nodes
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 
 _SHAPES = frozenset(
     ("aten::size", "aten::len", "aten::dim", "aten::ndim", "aten::numel", "prim::dtype", "prim::layout")

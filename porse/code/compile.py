@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from porse.code.bounds import forced_graphs
-from porse.code.contract import MAX_COMPONENTS, MAX_NAMES
+from porse.functions.read.contract import MAX_COMPONENTS, MAX_NAMES
 from porse.code.graph import has_fixed_shapes
 from porse.code.names import plain_name
 from porse.code.numbers import hold_numbers
@@ -18,7 +18,7 @@ from porse.code.portable import make_portable
 from porse.code.results import Components, Progress, list_components, list_progress, make_vectors
 from porse.code.reuse import reuse_memory
 from porse.code.script import Script, script, translate
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.variables import Variable
 
 Results = TypeVar("Results")

@@ -4,7 +4,7 @@ import ast
 import copy
 from collections.abc import Callable, Container, Mapping, Set
 
-from porse.code.contract import words
+from porse.functions.read.contract import words
 
 _NODES = (
     ast.Constant, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.List, ast.Tuple, ast.Dict, ast.Subscript,

@@ -16,7 +16,7 @@ from porse.code.one_type import FLOAT, TENSOR, Local
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
 from porse.code.syntax import all_arguments, assigned_names, defaults, given_values
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.variables import Variable
 
 

@@ -7,11 +7,11 @@ from itertools import groupby
 
 from porse.code.annotations import type_text
 from porse.code.calls import FUNCTIONAL, plain_form
-from porse.code.contract import NUMPY_NAMES
+from porse.functions.read.contract import NUMPY_NAMES
 from porse.code.prelude import HELPER_SOURCES
 from porse.code.program import Program
 from porse.code.syntax import local_names, module_path, modules_of
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.variables import Variable
 
 VARIABLE = "porse_"

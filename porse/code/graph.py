@@ -10,8 +10,8 @@ from typing import Any
 
 import torch
 
-from porse.code.contract import METHODS, TORCH_FUNCTIONS, TORCH_MODULES, words
-from porse.code.verdict import CodeError
+from porse.functions.read.contract import METHODS, TORCH_FUNCTIONS, TORCH_MODULES, words
+from porse.functions.verdict import CodeError
 
 _INTERNAL = words("""
     Bool Float FloatImplicit Int IntImplicit ScalarImplicit __and__ __contains__ __derive_index __getitem__ __is__

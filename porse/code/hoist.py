@@ -7,7 +7,7 @@ import ast
 from collections.abc import Iterator, Mapping
 
 from porse.code.scan import text_of
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 
 
 def hoist(function: ast.FunctionDef) -> list[ast.FunctionDef]:

@@ -4,7 +4,7 @@ import re
 from functools import lru_cache
 from typing import Any
 
-from porse.code.contract import MAX_NAME_CHARACTERS
+from porse.functions.read.contract import MAX_NAME_CHARACTERS
 from porse.code.graph import Writer
 
 

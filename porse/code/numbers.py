@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from porse.code.contract import words
+from porse.functions.read.contract import words
 from porse.code.graph import Writer, nodes
 
 _OPERATORS = words("add sub mul div add_ sub_ mul_ div_ lt le gt ge eq ne")

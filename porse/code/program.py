@@ -7,11 +7,11 @@ import ast
 from dataclasses import dataclass
 
 from porse.code.constants import is_constant, place_constants
-from porse.code.contract import MAX_SOURCE_LINES, MAX_TREE_NODES, MODULES
+from porse.functions.read.contract import MAX_SOURCE_LINES, MAX_TREE_NODES, MODULES
 from porse.code.hoist import hoist
 from porse.code.plainly import call_without_self, start_apart, write_plainly
 from porse.code.scan import parse_source
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 
 DEFAULT_MODULES = {
     "torch": "torch",

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from porse.code.contract import words
+from porse.functions.read.contract import words
 from porse.code.graph import Writer
 from porse.code.numbers import certain_floats, is_single
 

@@ -23,7 +23,7 @@ from porse.code.names import hold_plain_names
 from porse.code.numbers import hold_tensors
 from porse.code.one_type import Local, text_before, types_of_names
 from porse.code.program import parse_program
-from porse.code.verdict import Check, CodeError
+from porse.functions.verdict import Check, CodeError
 from porse.variables import Variable
 
 _NAMESPACE: dict[str, Any] = {

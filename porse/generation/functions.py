@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from porse.code.contract import Kind
-from porse.code.verdict import Verdict
+from porse.functions.read.contract import Kind
+from porse.functions.verdict import Verdict
 from porse.config import Params
 from porse.errors import SearchError
 from porse.generation.answers import answers

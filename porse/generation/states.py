@@ -9,10 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.code.limits import Limits
-from porse.code.states import save_states
-from porse.code.validate import Submission, validate
-from porse.code.verdict import Verdict
+from porse.functions.read.limits import Limits
+from porse.functions.read.states import save_states
+from porse.functions.read.validate import Submission, validate
+from porse.functions.verdict import Verdict
 from porse.config import Params
 from porse.generation.functions import Attempt
 from porse.identity import seed_for

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.tasks.base import Task
 from porse.training.bonus import Bonus
 from porse.training.goal import Goal

@@ -1,9 +1,22 @@
-"""The verdict on one generated function, and the error of a caller who runs a function that has none."""
+"""The verdict on one generated function, the error of one that has none, and what the two rooms both know of names."""
 
+import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from porse.errors import PorseError
+
+Kind = Literal["reward", "mapping"]
+
+MAX_NAMES = 8
+"""Progress variables of one mapping at most."""
+
+MAX_COMPONENTS = 32
+"""Components of one reward at most."""
+
+MAX_NAME_CHARACTERS = 64
+"""Names of components and progress variables are cut to this length."""
 
 Check = Literal[
     "ok",
@@ -19,6 +32,7 @@ Check = Literal[
     "names",
     "shape",
     "finite",
+    "large",
     "constant",
     "run",
     "time",
@@ -39,6 +53,8 @@ class Verdict:
         line: line of the reply, counted from 1, that the message is about; 0 when it is about no one line.
         names: the reward components, or the progress variables; empty unless passed.
         rises: one flag for each progress variable, true when the task needs it to rise; empty for rewards.
+        warning: what a person should know of a function that passed, else empty.
+        program: the text of the operator list that stands for the function from now on; empty unless passed.
     """
 
     passed: bool
@@ -47,6 +63,8 @@ class Verdict:
     line: int
     names: tuple[str, ...] = ()
     rises: tuple[bool, ...] = ()
+    warning: str = ""
+    program: str = ""
 
 
 class CodeError(PorseError):
@@ -62,3 +80,9 @@ class CodeError(PorseError):
         super().__init__(message)
         self.check: Check = check
         self.line = line
+
+
+@lru_cache(maxsize=1024)
+def plain_name(name: str) -> str:
+    """Returns a name of at most 64 letters, digits and underscores, "unnamed" when nothing is left."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:MAX_NAME_CHARACTERS].rstrip("_") or "unnamed"

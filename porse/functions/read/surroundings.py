@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.code.constants import is_constant
-from porse.code.contract import MODULES, words
-from porse.code.program import DEFAULT_MODULES, constant_of
-from porse.code.scan import Chunk, bracketed, parse_source, regions
-from porse.code.verdict import CodeError
+from porse.functions.read.source import is_constant
+from porse.functions.read.contract import MODULES, words
+from porse.functions.read.source import DEFAULT_MODULES, constant_of
+from porse.functions.read.scan import Chunk, bracketed, parse_source, regions
+from porse.functions.verdict import CodeError
 
 Import = ast.Import | ast.ImportFrom
 

@@ -14,14 +14,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from porse.code.contract import Kind
-from porse.code.limits import Limits
-from porse.code.verdict import Verdict
+from porse.functions.verdict import Kind
+from porse.functions.read.limits import Limits
+from porse.functions.verdict import Verdict
 from porse.errors import PorseError
 from porse.numerics import ENVIRONMENT
 from porse.variables import Variable
 
-_MAX_ANSWER = 200_000
+_MAX_ANSWER = 4_000_000
 
 
 class ProbeError(PorseError):
@@ -32,15 +32,15 @@ class Sandbox:
     """A running probe. It starts at once, so that torch loads while the caller prepares states.
 
     The child gets a scrubbed environment, an empty working directory, a session of its own and no open files but its
-    two pipes. What each function may use is limited in `porse.code.confine`.
+    two pipes. What each function may use is limited in `porse.functions.read.confine`.
     """
 
-    def __init__(self, limits: Limits, module: str = "porse.code.probe") -> None:
+    def __init__(self, limits: Limits, module: str = "porse.functions.read.probe") -> None:
         """Starts the child process.
 
         Args:
             limits: what one function may use.
-            module: the program of the child, which calls `porse.code.probe.serve`.
+            module: the program of the child, which calls `porse.functions.read.probe.serve`.
         """
         self._limits = limits
         self._module = module
@@ -49,7 +49,7 @@ class Sandbox:
 
     def _start(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="porse-probe-")
-        root = str(Path(__file__).resolve().parents[2])
+        root = str(Path(__file__).resolve().parents[3])
         environment = {**ENVIRONMENT["portable"], "PYTHONPATH": root, "LC_ALL": "C.UTF-8", "HOME": self._folder.name}
         environment |= {"TMPDIR": self._folder.name, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
         self._process = subprocess.Popen(
@@ -106,22 +106,26 @@ class Sandbox:
             raise ProbeError(str(found))
         return [Variable(**{**v, "shape": tuple(v["shape"])}) for v in answer["variables"]]
 
-    def probe(self, source: str, kind: Kind) -> Verdict:
-        """Returns the verdict on one source; its line is a line of the source."""
-        self._send({"source": source, "kind": kind})
-        answer = self._receive(self._limits.wall_s + 10.0)
+    def judge(self, reply: str, kind: Kind) -> tuple[Verdict, str]:
+        """Returns the verdict on one reply and the source of the function in it, "" when it did not pass."""
+        self._send({"reply": reply, "kind": kind})
+        answer = self._receive(2 * self._limits.wall_s + 10.0)
         try:
-            return Verdict(
-                passed=bool(answer["passed"]),
-                check=answer["check"],
-                message=str(answer["message"])[:4000],
-                line=int(answer["line"]),
-                names=tuple(str(name) for name in answer["names"]),
-                rises=tuple(bool(rise) for rise in answer["rises"]),
+            found = answer["verdict"]
+            verdict = Verdict(
+                passed=bool(found["passed"]),
+                check=found["check"],
+                message=str(found["message"])[:4000],
+                line=int(found["line"]),
+                names=tuple(str(name) for name in found["names"]),
+                rises=tuple(bool(rise) for rise in found["rises"]),
+                warning=str(found["warning"])[:4000],
+                program=str(found["program"]),
             )
+            return verdict, str(answer["source"])
         except (KeyError, TypeError, ValueError):
             self._restart()
-            return Verdict(False, "crash", "the probe process ended while it ran this function", 0)
+            return Verdict(False, "crash", "the probe process ended while it ran this function", 0), ""
 
     def _restart(self) -> None:
         """Starts a new child in place of one that is of no use any more."""

@@ -4,7 +4,7 @@ import ast
 import difflib
 from collections.abc import Iterable, Mapping
 
-from porse.code.contract import (
+from porse.functions.read.contract import (
     BUILTINS,
     HELPERS,
     MATH_NAMES,
@@ -15,7 +15,7 @@ from porse.code.contract import (
     TORCH_FUNCTIONS,
     TORCH_MODULES,
 )
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.variables import Variable
 
 _DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from porse.code.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
-from porse.code.verdict import CodeError
+from porse.functions.read.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
+from porse.functions.verdict import CodeError
 
 _FENCE = re.compile(r"\s*(`{3,}|~{3,})")
 _DEF = re.compile(r"(\s*)(async\s+)?def\s+(\w+)\s*\(")

@@ -11,7 +11,7 @@ import resource
 import struct
 from typing import Literal
 
-from porse.code.limits import Limits
+from porse.functions.read.limits import Limits
 
 _CLONE_NEWNET = 0x40000000
 _CLONE_NEWUSER = 0x10000000

@@ -3,9 +3,7 @@
 Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
 """
 
-from typing import Literal
-
-Kind = Literal["reward", "mapping"]
+from porse.functions.verdict import MAX_NAMES, Kind
 
 
 def words(text: str) -> frozenset[str]:
@@ -43,12 +41,6 @@ HELPERS: dict[str, str] = {
 }
 """Helpers that exist without being defined, with the line that prompts print."""
 
-MAX_NAMES = 8
-"""Progress variables of one mapping at most."""
-
-MAX_COMPONENTS = 32
-"""Components of one reward at most."""
-
 MAX_REPLY_CHARACTERS = 200_000
 MAX_SOURCE_LINES = 600
 MAX_TREE_NODES = 20_000
@@ -61,8 +53,6 @@ MAX_ROUNDS = 100_000
 """Most rounds of nested loops."""
 MAX_ELEMENTS = 10_000_000
 """Most numbers of a tensor whose size is written in the code."""
-MAX_NAME_CHARACTERS = 64
-"""Names of components and progress variables are cut to this length."""
 
 BUILTINS = words(
     "abs all any bool dict enumerate float int isinstance len list max min pow print range round sorted sum zip"

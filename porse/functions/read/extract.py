@@ -10,7 +10,7 @@ import html
 import re
 from dataclasses import dataclass
 
-from porse.code.contract import (
+from porse.functions.read.contract import (
     FUNCTION_NAMES,
     HELPERS,
     MAX_REPLY_CHARACTERS,
@@ -19,10 +19,10 @@ from porse.code.contract import (
     NAME_PATTERN,
     Kind,
 )
-from porse.code.scan import Chunk, chunks, parse_source, text_of
-from porse.code.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
-from porse.code.syntax import all_arguments, defaults
-from porse.code.verdict import CodeError
+from porse.functions.read.scan import Chunk, chunks, parse_source, text_of
+from porse.functions.read.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
+from porse.functions.read.source import all_arguments, defaults
+from porse.functions.verdict import CodeError
 
 _SUPER = re.compile(r"super\((\w+, self)?\)\.__init__\(\)")
 
@@ -40,6 +40,10 @@ class Extracted:
     source: str
     lines: tuple[int, ...]
     name: str
+
+    def line_of(self, line: int) -> int:
+        """Returns the line of the reply for one of the source, 0 for none."""
+        return self.lines[line - 1] if 0 < line <= len(self.lines) else 0
 
 
 @dataclass(frozen=True)

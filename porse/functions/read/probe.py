@@ -1,6 +1,7 @@
-"""The child's side of the probe: `python -m porse.code.probe`, lines of JSON in and out.
+"""The child's side of the sandbox: `python -m porse.functions.read.probe`, lines of JSON in and out.
 
-It loads torch once, then forks for every function: what one function breaks ends with its own process.
+It loads torch once, then forks twice for every reply: one process reads it, runs it as Python and leaves an operator list; the
+other tries the list and judges. What one function breaks ends with its own process.
 """
 
 import json
@@ -12,18 +13,19 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import torch
 
-from porse.code.confine import confine, seal
-from porse.code.limits import Limits
-from porse.code.states import load_states
-from porse.code.trial import try_function, warm_up
-from porse.code.verdict import Verdict
+from porse.functions.read.confine import confine, seal
+from porse.functions.read.limits import Limits
+from porse.functions.read.states import load_states
+from porse.functions.read.reply import read_reply, warm_up
+from porse.functions.read.trial import make_sleef, try_program
+from porse.functions.verdict import Check, Verdict
 from porse.variables import Variable
 
-_MAX_ANSWER = 100_000
+_MAX_ANSWER = 2_000_000
 _OUT_OF_MEMORY = 3
 _ending: list[int] = []
 """Processes that have answered and have been told to end."""
@@ -45,12 +47,13 @@ def serve(load: Load) -> None:
 
     variables: Sequence[Variable] = []
     values: Mapping[str, Any] = {}
+    make_sleef()
     warm_up()
     seal()
     for line in sys.stdin.buffer:
         request = json.loads(line)
-        if "source" in request:
-            say(asdict(_serve(request, variables, values, limits)))
+        if "reply" in request:
+            say(_serve(request, variables, values, limits))
             continue
         try:
             variables, values = load(request)
@@ -66,20 +69,39 @@ def _load_file(request: dict[str, Any]) -> tuple[Sequence[Variable], Mapping[str
 
 
 def _serve(
-    request: dict[str, Any],
-    variables: Sequence[Variable],
-    values: Mapping[str, Any],
-    limits: Limits,
-) -> Verdict:
-    """Returns the verdict of a process of its own on one function."""
+    request: dict[str, Any], variables: Sequence[Variable], values: Mapping[str, Any], limits: Limits
+) -> dict[str, Any]:
+    """Returns the verdict on one reply, and the source that it holds, "" where it did not pass."""
+
+    def read() -> dict[str, Any]:
+        return asdict(read_reply(request["reply"], request["kind"], variables, values))
+
+    found = _in_process(read, limits)
+    if isinstance(found, Verdict):
+        return {"verdict": asdict(found), "source": ""}
+    if not found["program"]:
+        return {"verdict": asdict(_refusal(found)), "source": ""}
+    text, line = str(found["program"]), int(found["line"])
+    judged = _in_process(lambda: asdict(try_program(text, values, line)), limits)
+    if isinstance(judged, Verdict):
+        return {"verdict": asdict(judged), "source": ""}
+    return {"verdict": judged, "source": str(found["source"]) if judged["passed"] else ""}
+
+
+def _refusal(found: Mapping[str, Any]) -> Verdict:
+    check = found["check"] if found["check"] in get_args(Check) else "crash"
+    return Verdict(False, check, str(found["message"])[:4000], int(found["line"]))
+
+
+def _in_process(work: Callable[[], dict[str, Any]], limits: Limits) -> dict[str, Any] | Verdict:
+    """Returns what a confined process of its own made, or the verdict on its end."""
     read_end, write_end = os.pipe()
     child = os.fork()
     if child == 0:
         code = 1
         try:
             confine(limits, keep=write_end)
-            verdict = try_function(request["source"], request["kind"], variables, values)
-            os.write(write_end, json.dumps(asdict(verdict)).encode()[:_MAX_ANSWER] + b"\n")
+            _write(write_end, json.dumps(work()).encode() + b"\n")
             code = 0
         except MemoryError:
             code = _OUT_OF_MEMORY
@@ -98,6 +120,11 @@ def _serve(
     return found
 
 
+def _write(pipe: int, text: bytes) -> None:
+    while text:
+        text = text[os.write(pipe, text) :]
+
+
 def _read(pipe: int, wall_s: float) -> tuple[bytes, bool]:
     """Returns what comes through a pipe up to the end of a line, and whether it or the end came in time."""
     text, end = b"", time.monotonic() + wall_s
@@ -112,13 +139,13 @@ def _read(pipe: int, wall_s: float) -> tuple[bytes, bool]:
     return text, True
 
 
-def _parse(text: bytes) -> Verdict | None:
-    """Returns the verdict that a process sent, None when it sent none."""
+def _parse(text: bytes) -> dict[str, Any] | None:
+    """Returns what a process sent, None when it sent nothing of the kind."""
     try:
         found = json.loads(text)
-        return Verdict(**{**found, "names": tuple(found["names"]), "rises": tuple(found["rises"])})
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, RecursionError):
         return None
+    return found if isinstance(found, dict) else None
 
 
 def _verdict_of_end(in_time: bool, status: int, limits: Limits) -> Verdict:
