@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from porse.functions.read.contract import Kind
+from porse.functions.contract import Kind
 from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.validate import Submission, judge

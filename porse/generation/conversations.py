@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from porse.functions.read.contract import Kind, contract_text
+from porse.functions.contract import Kind, contract_text
 from porse.functions.verdict import Verdict
 from porse.llm.request import Message
 from porse.prompts import number, numbers, render

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from porse.functions.read.contract import Kind
+from porse.functions.contract import Kind
 from porse.functions.verdict import Verdict
 from porse.config import Params
 from porse.errors import SearchError
@@ -47,6 +47,7 @@ class Function:
     slot: int
     key: str
     source: str
+    program: str
 
 
 def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) -> list[Attempt]:
@@ -106,7 +107,7 @@ def checked_functions(
         for attempt, (verdict, source) in zip(open_attempts, check(open_attempts), strict=True):
             tried.append((attempt, verdict))
             if verdict.passed:
-                passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source))
+                passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source, verdict.program))
             else:
                 broken.append((attempt, verdict))
         open_attempts = _next_attempts(broken, brief, params, iteration, cache)
@@ -188,6 +189,7 @@ def verdict_row(iteration: int, attempt: Attempt, verdict: Verdict) -> Row:
         "check": verdict.check,
         "line": verdict.line,
         "message": verdict.message,
+        "warning": verdict.warning,
     }
 
 

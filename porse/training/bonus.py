@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from porse.code.compile import MappingFunction
+from porse.functions.run.execute import MappingFunction
 from porse.exploration import ProgressCounts, SimHashCounts
 
 

@@ -4,7 +4,7 @@ import ast
 import difflib
 from collections.abc import Iterable, Mapping
 
-from porse.functions.read.contract import (
+from porse.functions.contract import (
     BUILTINS,
     HELPERS,
     MATH_NAMES,

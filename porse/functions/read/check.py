@@ -18,7 +18,7 @@ from porse.functions.read.allowed import (
     unknown_name,
     unknown_variable,
 )
-from porse.functions.read.contract import ATTRIBUTES, BUILTINS, METHODS, words
+from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS, words
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.source import (
     Source,

@@ -10,7 +10,7 @@ import html
 import re
 from dataclasses import dataclass
 
-from porse.functions.read.contract import (
+from porse.functions.contract import (
     FUNCTION_NAMES,
     HELPERS,
     MAX_REPLY_CHARACTERS,

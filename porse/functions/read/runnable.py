@@ -8,6 +8,7 @@ import ast
 import builtins
 import contextlib
 import math
+import operator
 import sys
 from collections.abc import Callable, Mapping
 from types import CodeType, SimpleNamespace
@@ -16,7 +17,7 @@ from typing import Any
 import torch
 
 from porse.functions.read.check import ERRORS
-from porse.functions.read.contract import BUILTINS, MATH_NAMES, NUMPY_NAMES, TORCH_CONSTANTS, TORCH_FUNCTIONS, TORCH_MODULES, words
+from porse.functions.contract import BUILTINS, MATH_NAMES, NUMPY_NAMES, TORCH_CONSTANTS, TORCH_FUNCTIONS, TORCH_MODULES, words
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.source import Source, all_arguments, is_class, takes_self
 from porse.functions.verdict import CodeError
@@ -60,6 +61,21 @@ class _Plain(ast.NodeTransformer):
 
     visit_Assert = visit_Import = visit_ImportFrom = _left_out
 
+    def visit_Set(self, node: ast.Set) -> ast.AST:
+        """`{{"near": r}}` is what an f-string left of a dictionary."""
+        self.generic_visit(node)
+        return node.elts[0] if len(node.elts) == 1 and isinstance(node.elts[0], ast.Dict) else node
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        """`x[near] += 1.0` reads as many rows as the data say; written as a choice in every row it has a fixed shape."""
+        self.generic_visit(node)
+        if not isinstance(node.target, ast.Subscript) or isinstance(node.target.slice, ast.Slice | ast.Tuple):
+            return node
+        operator = ast.Constant(type(node.op).__name__)
+        given = [node.target.value, node.target.slice, operator, node.value]
+        call = ast.Call(func=ast.Name(id="porse_augment", ctx=ast.Load()), args=given, keywords=[])
+        return ast.fix_missing_locations(ast.copy_location(ast.Expr(call), node))
+
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
         is_annotate = isinstance(node.func, ast.Attribute) and node.func.attr == "annotate" and len(node.args) == 2
@@ -91,6 +107,7 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     space["__builtins__"] = {name: getattr(builtins, name) for name in BUILTINS | ERRORS} | {
         "print": lambda *parts, **more: None,
         "__import__": _loaded,
+        "porse_augment": _augment,
         "getattr": lambda owner, name: _attribute(owner, name, own),
     }
     exec(code, space)
@@ -113,6 +130,25 @@ def _attribute(owner: Any, name: str, own: _Holder) -> Any:
     if owner is not own or not isinstance(name, str) or name.startswith("_") or not hasattr(own, name):
         raise CodeError("static", f"getattr is for the variables of self alone, and found {str(name)[:100]!r}")
     return getattr(own, name)
+
+
+_IN_PLACE: dict[str, tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]] = {
+    "Add": (operator.add, operator.iadd), "Sub": (operator.sub, operator.isub), "Mult": (operator.mul, operator.imul),
+    "Div": (operator.truediv, operator.itruediv), "Pow": (operator.pow, operator.ipow),
+    "FloorDiv": (operator.floordiv, operator.ifloordiv), "Mod": (operator.mod, operator.imod),
+    "BitAnd": (operator.and_, operator.iand), "BitOr": (operator.or_, operator.ior), "BitXor": (operator.xor, operator.ixor),
+}  # fmt: skip
+
+
+def _augment(owner: Any, index: Any, name: str, value: Any) -> None:
+    """Does `owner[index] += value` and its like, with a choice in every row where `index` is a mask."""
+    plain, in_place = _IN_PLACE[name]
+    if isinstance(owner, torch.Tensor) and isinstance(index, torch.Tensor) and index.dtype is torch.bool:
+        rest = owner.shape[index.dim() :]
+        if not isinstance(value, torch.Tensor) or value.dim() == 0 or value.shape == rest:
+            owner.copy_(torch.where(index.reshape(*index.shape, *[1] * len(rest)), plain(owner, value), owner))
+            return
+    owner[index] = in_place(owner[index], value)
 
 
 def _loaded(name: str, *others: Any, **more: Any) -> Any:

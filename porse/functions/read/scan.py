@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from porse.functions.read.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
+from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
 from porse.functions.verdict import CodeError
 
 _FENCE = re.compile(r"\s*(`{3,}|~{3,})")

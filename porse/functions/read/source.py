@@ -4,7 +4,7 @@ import ast
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from porse.functions.read.contract import MAX_SOURCE_LINES, MODULES, words
+from porse.functions.contract import MAX_SOURCE_LINES, MODULES, words
 from porse.functions.read.scan import parse_source
 from porse.functions.verdict import CodeError
 

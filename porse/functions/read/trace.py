@@ -94,7 +94,8 @@ class _Recorder(TorchDispatchMode):
         step = (name, tuple(self._noted(v) for v in given), tuple(sorted(keywords.items())), len(parts))
         self.run.steps.append(step)
         for part in parts:
-            self._put(part, _At("s", self.run.made))
+            if op.writes or id(part) not in self._places:  # a list of results may hold what was given
+                self._put(part, _At("s", self.run.made))
             self.run.made += 1
         return made
 
