@@ -7,12 +7,13 @@ import torch
 
 from code_attacks import ATTACKS, HARMLESS_LOOKALIKES
 from code_cases import VARIABLES, values
-from porse.code.compile import compile_reward
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, judge
-from porse.code.verdict import CodeError
+from code_cases import compile_reward
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from code_cases import judge
+from porse.functions.read.validate import Submission
+from porse.functions.verdict import CodeError
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,15 @@
 import pytest
 
 from code_cases import VARIABLES, reward
-from porse.code.check import check_program
-from porse.code.program import parse_program
-from porse.code.verdict import CodeError
+from porse.functions.read.check import check_program
+from porse.functions.read.source import parse
+from porse.functions.verdict import CodeError
 
 TABLE = {variable.name: variable for variable in VARIABLES}
 
 
 def check(source):
-    return check_program(parse_program(source), TABLE)
+    return check_program(parse(source), TABLE)
 
 
 @pytest.mark.parametrize(

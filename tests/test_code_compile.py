@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, reward, values
-from porse.code.check import check_program
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.emit import emit
-from porse.code.graph import has_fixed_shapes
-from porse.code.names import plain_name
-from porse.code.program import parse_program
-from porse.code.script import script
-from porse.code.verdict import CodeError
+from porse.functions.read.check import check_program
+from code_cases import compile_mapping, compile_reward
+from porse.functions.read.emit import emit
+from porse.functions.read.graph import has_fixed_shapes
+from porse.functions.read.names import plain_name
+from porse.functions.read.source import parse
+from porse.functions.read.script import script
+from porse.functions.verdict import CodeError
 
 BOTH = pytest.mark.parametrize("portable", [False, True])
 
@@ -125,7 +125,7 @@ def test_cross_takes_the_last_dimension_even_for_three_environments():
 )
 def test_new_tensors_are_made_on_the_device_of_the_inputs(source, device):
     table = {variable.name: variable for variable in VARIABLES}
-    program = parse_program(source)
+    program = parse(source)
     assert f"device={device})" in emit(program, check_program(program, table), table, {}).text
 
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, reward, values
-from porse.code.compile import compile_reward
-from porse.code.contract import (
+from code_cases import compile_reward
+from porse.functions.contract import (
     ATTRIBUTES,
     FUNCTION_NAMES,
     HELPERS,
@@ -18,11 +18,11 @@ from porse.code.contract import (
     TORCH_MODULES,
     contract_text,
 )
-from porse.code.limits import Limits
-from porse.code.prelude import HELPER_SOURCES
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.verdict import CodeError
+from porse.functions.read.limits import Limits
+from porse.functions.read.prelude import HELPER_SOURCES
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from porse.functions.verdict import CodeError
 
 CALLS = """
     F(a) | F(a, b) | F(a, dim=-1) | F(a, 1) | F([a, b]) | F([a, b], dim=-1) | F(a, b, dim=-1) | F(a > 0)
@@ -84,7 +84,7 @@ def test_every_function_is_compiled_in_a_confined_process_too(tmp_path):
     }
     with Sandbox(Limits()) as sandbox:
         sandbox.load(tmp_path / "states.safetensors", VARIABLES)
-        found = {name: sandbox.probe(usable(name, forms), "reward") for name, forms in sorted(calls.items())}
+        found = {name: sandbox.judge(usable(name, forms), "reward")[0] for name, forms in sorted(calls.items())}
     assert [(name, verdict) for name, verdict in found.items() if verdict.check in ("static", "compile", "type")] == []
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, reward, values
-from porse.code.compile import compile_reward
+from code_cases import compile_reward
 
 PLAIN = {
     "torch.sqrt(y.abs())": torch.linspace(-4, 4, 999),
@@ -183,7 +183,7 @@ _BITS = """
 import hashlib, json, torch
 torch.set_num_threads(1)
 from code_cases import VARIABLES, reward, values
-from porse.code.compile import compile_reward
+from code_cases import compile_reward
 expressions = {expressions}
 states = values(4099) | {{"scale": 0.5}}
 found = {{}}

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import torch
 
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.contract import FUNCTION_NAMES
-from porse.code.extract import extract
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.validate import Submission, judge
+from code_cases import compile_mapping, compile_reward
+from porse.functions.contract import FUNCTION_NAMES
+from porse.functions.read.extract import extract
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from code_cases import judge
+from porse.functions.read.validate import Submission
 from porse.sim import rotations
 from porse.tasks import make_task
 

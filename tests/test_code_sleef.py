@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, reward
-from porse.code import sleef
-from porse.code.compile import compile_reward
+from porse.functions.run import sleef
+from code_cases import compile_reward
 
 pytestmark = pytest.mark.skipif(not sleef.is_needed(), reason="torch goes to Sleef by itself here")
 FUNCTIONS = get_args(sleef.Function)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, values
-from porse.code.states import load_states, save_states
+from porse.functions.read.states import load_states, save_states
 from porse.errors import TaskError
 
 

@@ -5,10 +5,11 @@ from itertools import cycle
 import pytest
 
 from code_cases import values
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, judge
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from code_cases import judge
+from porse.functions.read.validate import Submission
 from porse.tasks import TASKS
 
 REWARDS = [

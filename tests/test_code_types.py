@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, reward, values
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.contract import NUMPY_NAMES
-from porse.code.extract import extract
-from porse.code.script import script
-from porse.code.verdict import CodeError
+from code_cases import compile_mapping, compile_reward
+from porse.functions.contract import NUMPY_NAMES
+from porse.functions.read.extract import extract
+from porse.functions.read.script import script
+from porse.functions.verdict import CodeError
 
 BOTH = pytest.mark.parametrize("portable", [False, True])
 TABLE = {variable.name: variable for variable in VARIABLES}

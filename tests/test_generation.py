@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from porse.code.verdict import Verdict
+from porse.functions.verdict import Verdict
 from porse.errors import SearchError
 from porse.generation import answers
 from porse.generation.candidates import first_pool

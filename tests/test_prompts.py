@@ -41,7 +41,7 @@ def bred_briefs(first):
 
 
 def prompts():
-    from porse.code.verdict import Verdict
+    from porse.functions.verdict import Verdict
     from porse.config import load_params
     from porse.generation.conversations import conversation, repair
     from porse.generation.values import questions_text

@@ -8,6 +8,7 @@ import ast
 import re
 from collections.abc import Mapping
 
+from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS, words
 from porse.functions.read.allowed import (
     check_identifier,
     check_keyword,
@@ -18,7 +19,6 @@ from porse.functions.read.allowed import (
     unknown_name,
     unknown_variable,
 )
-from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS, words
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.source import (
     Source,

@@ -19,8 +19,8 @@ import torch
 
 from porse.functions.read.confine import confine, seal
 from porse.functions.read.limits import Limits
-from porse.functions.read.states import load_states
 from porse.functions.read.reply import read_reply, warm_up
+from porse.functions.read.states import load_states
 from porse.functions.read.trial import make_sleef, try_program
 from porse.functions.verdict import Check, Verdict
 from porse.variables import Variable

@@ -16,8 +16,16 @@ from typing import Any
 
 import torch
 
+from porse.functions.contract import (
+    BUILTINS,
+    MATH_NAMES,
+    NUMPY_NAMES,
+    TORCH_CONSTANTS,
+    TORCH_FUNCTIONS,
+    TORCH_MODULES,
+    words,
+)
 from porse.functions.read.check import ERRORS
-from porse.functions.contract import BUILTINS, MATH_NAMES, NUMPY_NAMES, TORCH_CONSTANTS, TORCH_FUNCTIONS, TORCH_MODULES, words
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.source import Source, all_arguments, is_class, takes_self
 from porse.functions.verdict import CodeError

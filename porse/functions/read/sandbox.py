@@ -14,10 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from porse.functions.verdict import Kind
-from porse.functions.read.limits import Limits
-from porse.functions.verdict import Verdict
 from porse.errors import PorseError
+from porse.functions.read.limits import Limits
+from porse.functions.verdict import Kind, Verdict
 from porse.numerics import ENVIRONMENT
 from porse.variables import Variable
 

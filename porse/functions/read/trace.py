@@ -72,7 +72,7 @@ class _Recorder(TorchDispatchMode):
         """Runs one operator and writes it down."""
         name, given = func.__name__, list(args)
         base = name.partition(".")[0]
-        if func.namespace != "aten" or base == "cross" and len(given) < 3:
+        if func.namespace != "aten" or (base == "cross" and len(given) < 3):
             raise CodeError("static", f"the operator {func} is not on the list of allowed operators")
         if decides_by_data(name):
             raise CodeError("static", _reason(base))

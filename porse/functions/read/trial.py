@@ -23,14 +23,10 @@ _MANY = 2048
 """Environments of the second run: it shows what memory and time grow with."""
 _LARGEST = 1e8
 """Largest value of a result: PPO squares sums of a hundred rewards in float32, which ends at 3e38."""
-_SHAPES_ONLY = frozenset("zeros_like ones_like full_like new_zeros new_ones new_full".split())
+_SHAPES_ONLY = frozenset(["zeros_like", "ones_like", "full_like", "new_zeros", "new_ones", "new_full"])
 """Operators that take a shape from a tensor, and no number."""
 _STEPS = frozenset(
-    """
-    all any argmax argmin argsort ceil clamp clamp_max clamp_min clip count_nonzero eq floor floor_divide ge greater
-    greater_equal gt heaviside isclose le less less_equal logical_and logical_not logical_or logical_xor lt masked_fill max
-    maximum min minimum ne not_equal relu relu6 round sgn sign signbit threshold trunc where hardtanh hardsigmoid
-    """.split()
+    ["all", "any", "argmax", "argmin", "argsort", "ceil", "clamp", "clamp_max", "clamp_min", "clip", "count_nonzero", "eq", "floor", "floor_divide", "ge", "greater", "greater_equal", "gt", "heaviside", "isclose", "le", "less", "less_equal", "logical_and", "logical_not", "logical_or", "logical_xor", "lt", "masked_fill", "max", "maximum", "min", "minimum", "ne", "not_equal", "relu", "relu6", "round", "sgn", "sign", "signbit", "threshold", "trunc", "where", "hardtanh", "hardsigmoid"]
 )
 """Operators whose results may stay the same over most states, and still tell some from others."""
 

@@ -12,41 +12,17 @@ import torch
 
 from porse.functions.verdict import CodeError
 
-_NAMES = frozenset("""
-    __and__ __iand__ __ior__ __ixor__ __or__ __xor__ abs absolute acos acosh add addcdiv addcmul addmm addmv alias all
-    amax amin aminmax any arange arccos arccosh arcsin arcsinh arctan arctan2 arctanh argmax argmin argsort asin asinh
-    atan atan2 atanh atleast_1d atleast_2d baddbmm bitwise_and bitwise_not bitwise_or bitwise_xor bmm broadcast_tensors
-    broadcast_to cat cdist ceil celu chunk clamp clamp_max clamp_min clip clone column_stack concat concatenate
-    conj constant_pad_nd contiguous copy copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum
-    deg2rad diag_embed diagonal diff dist div divide dot einsum elu eq erf erfc exp exp2 expand expand_as expm1 eye fill
-    fix flatten flip floor floor_divide fmax fmin fmod frac frobenius_norm full full_like gather ge gelu greater
-    greater_equal gt hardshrink hardsigmoid hardswish hardtanh heaviside hstack huber_loss hypot index index_put
-    index_select inner isclose isfinite isinf isnan isneginf isposinf kron l1_loss le leaky_relu lerp less less_equal
-    linalg_cross linalg_matrix_norm linalg_multi_dot linalg_norm linalg_vecdot linalg_vector_norm linspace log log10
-    log1p log2 log_sigmoid log_softmax logaddexp logical_and logical_not logical_or logical_xor logit logsumexp lt mH mT
-    masked_fill matmul matrix_H max maximum mean median min minimum mish mm moveaxis movedim mse_loss mul multiply mv
-    nan_to_num nanmean nansum narrow ne neg negative new_full new_ones new_zeros norm not_equal nuclear_norm
-    numpy_T ones ones_like outer pairwise_distance permute positive pow prod rad2deg ravel reciprocal relu relu6 remainder
-    repeat reshape reshape_as resolve_conj roll round rsqrt rsub scalar_tensor scatter scatter_add select selu sgn sigmoid
-    sign signbit silu sin sinc sinh slice smooth_l1_loss softmax softplus softshrink sort special_erf special_exp2
-    special_expit special_expm1 special_log1p special_logit special_logsumexp special_sinc special_softmax special_xlogy
-    split split_with_sizes sqrt square squeeze stack std std_mean sub subtract sum swapaxes swapdims t take_along_dim
-    tan tanh tensor_split threshold tile to topk trace transpose tril triu true_divide trunc type_as unbind unflatten
-    unsqueeze var var_mean vdot view view_as vstack where xlogy zero zeros zeros_like
-    """.split())
+_NAMES = frozenset(["__and__", "__iand__", "__ior__", "__ixor__", "__or__", "__xor__", "abs", "absolute", "acos", "acosh", "add", "addcdiv", "addcmul", "addmm", "addmv", "alias", "all", "amax", "amin", "aminmax", "any", "arange", "arccos", "arccosh", "arcsin", "arcsinh", "arctan", "arctan2", "arctanh", "argmax", "argmin", "argsort", "asin", "asinh", "atan", "atan2", "atanh", "atleast_1d", "atleast_2d", "baddbmm", "bitwise_and", "bitwise_not", "bitwise_or", "bitwise_xor", "bmm", "broadcast_tensors", "broadcast_to", "cat", "cdist", "ceil", "celu", "chunk", "clamp", "clamp_max", "clamp_min", "clip", "clone", "column_stack", "concat", "concatenate", "conj", "constant_pad_nd", "contiguous", "copy", "copysign", "cos", "cosh", "cosine_similarity", "count_nonzero", "cross", "cummax", "cummin", "cumprod", "cumsum", "deg2rad", "diag_embed", "diagonal", "diff", "dist", "div", "divide", "dot", "einsum", "elu", "eq", "erf", "erfc", "exp", "exp2", "expand", "expand_as", "expm1", "eye", "fill", "fix", "flatten", "flip", "floor", "floor_divide", "fmax", "fmin", "fmod", "frac", "frobenius_norm", "full", "full_like", "gather", "ge", "gelu", "greater", "greater_equal", "gt", "hardshrink", "hardsigmoid", "hardswish", "hardtanh", "heaviside", "hstack", "huber_loss", "hypot", "index", "index_put", "index_select", "inner", "isclose", "isfinite", "isinf", "isnan", "isneginf", "isposinf", "kron", "l1_loss", "le", "leaky_relu", "lerp", "less", "less_equal", "linalg_cross", "linalg_matrix_norm", "linalg_multi_dot", "linalg_norm", "linalg_vecdot", "linalg_vector_norm", "linspace", "log", "log10", "log1p", "log2", "log_sigmoid", "log_softmax", "logaddexp", "logical_and", "logical_not", "logical_or", "logical_xor", "logit", "logsumexp", "lt", "mH", "mT", "masked_fill", "matmul", "matrix_H", "max", "maximum", "mean", "median", "min", "minimum", "mish", "mm", "moveaxis", "movedim", "mse_loss", "mul", "multiply", "mv", "nan_to_num", "nanmean", "nansum", "narrow", "ne", "neg", "negative", "new_full", "new_ones", "new_zeros", "norm", "not_equal", "nuclear_norm", "numpy_T", "ones", "ones_like", "outer", "pairwise_distance", "permute", "positive", "pow", "prod", "rad2deg", "ravel", "reciprocal", "relu", "relu6", "remainder", "repeat", "reshape", "reshape_as", "resolve_conj", "roll", "round", "rsqrt", "rsub", "scalar_tensor", "scatter", "scatter_add", "select", "selu", "sgn", "sigmoid", "sign", "signbit", "silu", "sin", "sinc", "sinh", "slice", "smooth_l1_loss", "softmax", "softplus", "softshrink", "sort", "special_erf", "special_exp2", "special_expit", "special_expm1", "special_log1p", "special_logit", "special_logsumexp", "special_sinc", "special_softmax", "special_xlogy", "split", "split_with_sizes", "sqrt", "square", "squeeze", "stack", "std", "std_mean", "sub", "subtract", "sum", "swapaxes", "swapdims", "t", "take_along_dim", "tan", "tanh", "tensor_split", "threshold", "tile", "to", "topk", "trace", "transpose", "tril", "triu", "true_divide", "trunc", "type_as", "unbind", "unflatten", "unsqueeze", "var", "var_mean", "vdot", "view", "view_as", "vstack", "where", "xlogy", "zero", "zeros", "zeros_like"])
 """Names of operators; an operator that writes over its first argument has the same name with an underscore after it."""
 
 _BY_DATA = frozenset(
-    """
-    item _local_scalar_dense is_nonzero nonzero nonzero_numpy masked_select equal allclose argwhere unique _unique2
-    unique_dim unique_consecutive bincount repeat_interleave masked_scatter to_sparse where.default where.self_only
-    """.split()
+    ["item", "_local_scalar_dense", "is_nonzero", "nonzero", "nonzero_numpy", "masked_select", "equal", "allclose", "argwhere", "unique", "_unique2", "unique_dim", "unique_consecutive", "bincount", "repeat_interleave", "masked_scatter", "to_sparse", "where.default", "where.self_only"]
 )
 """Operators whose results' shapes, or Python's own course, follow from the numbers in a tensor."""
 
-_ARGUMENTS = frozenset("Tensor number int float bool str ScalarType Layout Device MemoryFormat SymInt".split())
-_DIVISIONS = frozenset("div divide floor_divide fmod remainder".split())
-_SHARING = frozenset("atleast_1d atleast_2d broadcast_tensors einsum type_as contiguous reshape reshape_as to flatten".split())
+_ARGUMENTS = frozenset(["Tensor", "number", "int", "float", "bool", "str", "ScalarType", "Layout", "Device", "MemoryFormat", "SymInt"])
+_DIVISIONS = frozenset(["div", "divide", "floor_divide", "fmod", "remainder"])
+_SHARING = frozenset(["atleast_1d", "atleast_2d", "broadcast_tensors", "einsum", "type_as", "contiguous", "reshape", "reshape_as", "to", "flatten"])
 """Operators whose results may share memory with an argument where their schemas do not say so, or not always."""
 
 

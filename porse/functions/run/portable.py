@@ -148,9 +148,6 @@ _BY_SLEEF: dict[str, sleef.Function] = {
     **{"tan": "tan", "log10": "log10"},
 }
 _DENSE_BY_SLEEF = frozenset(
-    """
-    arctan2 arctanh atan2 atanh cosh exp2 hypot logaddexp logit mish sigmoid silu sinh softplus special_exp2 special_expit
-    special_logit
-    """.split()
+    ["arctan2", "arctanh", "atan2", "atanh", "cosh", "exp2", "hypot", "logaddexp", "logit", "mish", "sigmoid", "silu", "sinh", "softplus", "special_exp2", "special_expit", "special_logit"]
 )
 _FORMS: dict[str, Callable[..., Any]] = {"sqrt": _sqrt, "gelu": _gelu, "cdist": functools.partial(_cdist)}

@@ -27,8 +27,7 @@ MAX_DEPTH = 6
 TYPES = {name: getattr(torch, name) for name in ("float32", "float64", "float16", "int64", "int32", "uint8", "bool")}
 _NAMES_OF_TYPES = {dtype: name for name, dtype in TYPES.items()}
 _SPECIAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-_KEYWORDS = frozenset("alpha approximate correction descending dtype keepdim largest memory_format output_dtype reduction "
-                      "rounding_mode sorted stable unbiased value beta step ord dim indexing".split())  # fmt: skip
+_KEYWORDS = frozenset(["alpha", "approximate", "correction", "descending", "dtype", "keepdim", "largest", "memory_format", "output_dtype", "reduction", "rounding_mode", "sorted", "stable", "unbiased", "value", "beta", "step", "ord", "dim", "indexing"])  # fmt: skip
 
 
 @dataclass(frozen=True)
