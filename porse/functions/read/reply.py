@@ -1,5 +1,6 @@
 """From a reply to an operator list: extraction, the static check, the trace. In a confined process only."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -68,5 +69,11 @@ def warm_up() -> None:
         "    s = s + F.softplus(x) + F.huber_loss(x, q.sum()) + F.gelu(x) + torch.special.expit(x)\n"
         "    return torch.exp(-d) + p.sum() + s.sum() + u.sum() + torch.atleast_1d(x).sum(-1), {f'd_{0.5:.1f}': d}\n"
     )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        _read_all(source, variables, values)
+
+
+def _read_all(source: str, variables: Sequence[Variable], values: Mapping[str, Any]) -> None:
     for text in (source, source.replace("q.sum()", "q.sum().item()"), "def compute_reward(x:\n"):
         read_reply(text, "reward", variables, values)

@@ -10,6 +10,7 @@ import contextlib
 import math
 import operator
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from types import CodeType, SimpleNamespace
 from typing import Any
@@ -40,7 +41,13 @@ def compiled(source: Source) -> CodeType:
     """Returns the code of a source: its constants, then its functions."""
     body: list[ast.stmt] = [*source.constants.values(), *source.functions]
     tree = ast.Module(body=[_Plain().visit(statement) for statement in body], type_ignores=[])
-    return compile(ast.fix_missing_locations(tree), FILE, "exec", dont_inherit=True)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return compile(ast.fix_missing_locations(tree), FILE, "exec", dont_inherit=True)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", 0) or 0
+        raise CodeError("syntax", f"Python cannot compile the function: {getattr(error, 'msg', error)}", line) from None
 
 
 class _Plain(ast.NodeTransformer):
@@ -67,7 +74,14 @@ class _Plain(ast.NodeTransformer):
     def _left_out(self, node: ast.stmt) -> ast.AST:
         return ast.copy_location(ast.Pass(), node)
 
-    visit_Assert = visit_Import = visit_ImportFrom = _left_out
+    def visit_Assert(self, node: ast.Assert) -> ast.AST:
+        return self._left_out(node)
+
+    def visit_Import(self, node: ast.Import) -> ast.AST:
+        return self._left_out(node)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
+        return self._left_out(node)
 
     def visit_Set(self, node: ast.Set) -> ast.AST:
         """`{{"near": r}}` is what an f-string left of a dictionary."""

@@ -4,20 +4,21 @@ The function runs on real states of three numbers of environments, which share n
 the runs must be multiples of that number plus a constant; all else must be the same, so that the list holds for any number.
 """
 
+import functools
 import re
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import CodeType
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from porse.functions.read.runnable import FILE, compiled, main_function
 from porse.functions.read.source import Source
 from porse.functions.read.tidy import tidied
-from porse.functions.run.operators import decides_by_data, operator
+from porse.functions.run.operators import Watch, decides_by_data, operator
 from porse.functions.run.program import MAX_CONSTANTS, MAX_STEPS, TYPES, Constant, Program, Register, Rows, Share, Step
 from porse.functions.run.shapes import BY_MASK, check_call
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, Check, CodeError, Kind, plain_name
@@ -27,6 +28,8 @@ _LEFT_OUT = frozenset(("device", "pin_memory", "layout", "non_blocking", "copy")
 _SAME = frozenset(("lift_fresh", "detach", "detach_", "alias"))
 """Operators that return what they are given."""
 _TO_MODULES = ("to.dtype_layout", "to.device")
+_MANY = 4099
+"""Environments of the third run: more than trainings have, so that a branch on their number shows."""
 _GROWS = (
     "what the function computes depends on the number of environments in a way that is not allowed (a loop over"
     " environments, a branch on num_envs, a size that is no multiple of it); use tensor operations over all environments"
@@ -54,7 +57,7 @@ class _At:
     number: int
 
 
-class _Recorder(TorchDispatchMode):
+class _Recorder(Watch):
     """Writes down every operator that is called, and refuses those that a list cannot hold."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
@@ -194,13 +197,15 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
     line = source.last_line
     code = compiled(source)
     rows = values["num_envs"]
+    counts = (rows, rows - 1, _MANY)
     runs = []
-    for count in (rows, rows - 1, 2 * rows + 1):
-        runs.append(_traced(lambda count=count: _run(source, code, kind, _first(values, count, rows)), line))
+    for count in counts:
+        given = _first(values, count, rows)
+        runs.append(_traced(functools.partial(_run, source, code, kind, given, is_first=count == rows), line))
         if not runs[0].variables:
             raise CodeError("constant", "the function reads no state of the task, so its output never changes", line)
     try:
-        return tidied(_unified(kind, runs, (rows, rows - 1, 2 * rows + 1)))
+        return tidied(_unified(kind, runs, counts))
     except CodeError as error:
         raise CodeError(error.check, str(error), error.line or line) from None
 
@@ -211,14 +216,16 @@ def _first(values: Mapping[str, Any], count: int, rows: int) -> dict[str, Any]:
     return {n: v[index] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
 
 
-def _run(source: Source, code: Any, kind: Kind, values: Mapping[str, Any]) -> _Run:
-    """Runs a source once, from its constants to the results in their plain form; twice, to see that nothing is kept."""
+def _run(source: Source, code: CodeType, kind: Kind, values: Mapping[str, Any], is_first: bool) -> _Run:
+    """Runs a source once, from its constants to the results in their plain form; the first time twice: nothing is kept."""
     with torch.inference_mode(), (recorder := _Recorder(values)):
         main = main_function(source, code, values)
         recorder.close_module()
         before = len(recorder.run.steps), recorder.run.made, len(recorder.run.constants)
         finish = _reward if kind == "reward" else _mapping
         finish(main(), values["num_envs"], recorder)
+        if not is_first:
+            return recorder.run
         first = _Run(**vars(recorder.run))
         own = recorder.run.steps[before[0] :]
         recorder.run = _Run(first.variables, first.constants[: before[2]], first.steps[: before[0]], made=before[1])

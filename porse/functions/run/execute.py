@@ -12,9 +12,8 @@ from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
 
-from porse.functions.run.operators import Operator, base_of, operator
+from porse.functions.run.operators import Operator, Watch, base_of, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, Step, at, read_program, reads
 from porse.functions.run.shapes import MANY, Shapes, check_results, shapes_of
@@ -268,7 +267,7 @@ class _Builder:
         return sum(i == index for i in reads(step)) == 1
 
 
-class _Seen(TorchDispatchMode):
+class _Seen(Watch):
     """Notes which operators a call leads to."""
 
     def __init__(self) -> None:

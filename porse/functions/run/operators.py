@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from porse.functions.verdict import CodeError
 
@@ -24,6 +25,14 @@ _ARGUMENTS = frozenset(["Tensor", "number", "int", "float", "bool", "str", "Scal
 _DIVISIONS = frozenset(["div", "divide", "floor_divide", "fmod", "remainder"])
 _SHARING = frozenset(["atleast_1d", "atleast_2d", "broadcast_tensors", "einsum", "type_as", "contiguous", "reshape", "reshape_as", "to", "flatten"])
 """Operators whose results may share memory with an argument where their schemas do not say so, or not always."""
+
+
+class Watch(TorchDispatchMode):
+    """What is told of every operator that is called while it is entered; torch's compiler, slow to import, stays out."""
+
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        return False
 
 
 @dataclass(frozen=True)
