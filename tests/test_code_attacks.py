@@ -6,12 +6,10 @@ import pytest
 import torch
 
 from code_attacks import ATTACKS, HARMLESS_LOOKALIKES
-from code_cases import VARIABLES, values
-from code_cases import compile_reward
+from code_cases import VARIABLES, compile_reward, judge, values
 from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.states import save_states
-from code_cases import judge
 from porse.functions.read.validate import Submission
 from porse.functions.verdict import CodeError
 

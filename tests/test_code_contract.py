@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from code_cases import VARIABLES, reward, values
-from code_cases import compile_reward
+from code_cases import VARIABLES, compile_reward, reward, values
 from porse.functions.contract import (
     ATTRIBUTES,
     FUNCTION_NAMES,
@@ -19,7 +18,7 @@ from porse.functions.contract import (
     contract_text,
 )
 from porse.functions.read.limits import Limits
-from porse.functions.read.prelude import HELPER_SOURCES
+from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.states import save_states
 from porse.functions.verdict import CodeError
@@ -117,7 +116,7 @@ def test_the_prompt_says_what_is_enforced(kind):
 
 
 def test_every_helper_that_the_prompt_names_exists():
-    assert HELPERS.keys() <= HELPER_SOURCES.keys()
+    assert HELPERS.keys() <= HELPERS_IN_SCOPE.keys()
 
 
 @pytest.mark.slow

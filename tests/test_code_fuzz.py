@@ -7,14 +7,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from code_attacks import ATTACKS
-from code_cases import VARIABLES, reward, values
-from code_cases import compile_reward
+from code_cases import VARIABLES, compile_reward, judge, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
 from porse.functions.read.extract import Extracted, extract
 from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.states import save_states
-from code_cases import judge
 from porse.functions.read.validate import Submission
 from porse.functions.verdict import CodeError
 

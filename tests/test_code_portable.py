@@ -9,8 +9,7 @@ import sys
 import pytest
 import torch
 
-from code_cases import VARIABLES, reward, values
-from code_cases import compile_reward
+from code_cases import VARIABLES, compile_reward, reward, values
 
 PLAIN = {
     "torch.sqrt(y.abs())": torch.linspace(-4, 4, 999),

@@ -8,9 +8,8 @@ from typing import get_args
 import pytest
 import torch
 
-from code_cases import VARIABLES, reward
+from code_cases import VARIABLES, compile_reward, reward
 from porse.functions.run import sleef
-from code_cases import compile_reward
 
 pytestmark = pytest.mark.skipif(not sleef.is_needed(), reason="torch goes to Sleef by itself here")
 FUNCTIONS = get_args(sleef.Function)

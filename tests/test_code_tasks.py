@@ -4,11 +4,10 @@ from itertools import cycle
 
 import pytest
 
-from code_cases import values
+from code_cases import judge, values
 from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.states import save_states
-from code_cases import judge
 from porse.functions.read.validate import Submission
 from porse.tasks import TASKS
 

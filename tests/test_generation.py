@@ -2,8 +2,8 @@ import dataclasses
 
 import pytest
 
-from porse.functions.verdict import Verdict
 from porse.errors import SearchError
+from porse.functions.verdict import Verdict
 from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.conversations import Brief

@@ -11,7 +11,7 @@ from porse.checkpoint import write_checkpoint
 from porse.training.job import Job
 from porse.training.population import train_pool
 from porse.training.start import random_policy
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -23,18 +23,18 @@ import dataclasses
 from pathlib import Path
 from porse.training.job import Job
 from porse.training.population import train_pool
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 
 params = load_params(Path({root!r}) / "params.yaml")
 train = dataclasses.replace(params.train, num_envs=8, steps_per_epoch=8, hidden=(8,), minibatches=2)
-jobs = [Job(str(n), REWARD, MAPPING, 1.0, Path({start!r}), Path("never"), 10**9, n) for n in (1, 2)]
+jobs = [Job(str(n), program(REWARD), program(MAPPING), 1.0, Path({start!r}), Path("never"), 10**9, n) for n in (1, 2)]
 if __name__ == "__main__":
     train_pool(jobs, dataclasses.replace(params, train=train), lambda report: print(report.epoch, flush=True))
 """
 
 
 def job(name: str, start: Path, until: int) -> Job:
-    return Job(name, REWARD, MAPPING, 1.0, start, start.with_name(f"{name}.safetensors"), until, 7)
+    return Job(name, program(REWARD), program(MAPPING), 1.0, start, start.with_name(f"{name}.safetensors"), until, 7)
 
 
 def test_every_epoch_of_every_candidate_is_reported_in_order(small, tmp_path):

@@ -55,7 +55,8 @@ MAX_ELEMENTS = 10_000_000
 """Most numbers of a tensor whose size is written in the code."""
 
 BUILTINS = words(
-    "abs all any bool dict enumerate float int isinstance len list max min pow print range round sorted sum zip"
+    "abs all any bool dict enumerate filter float int isinstance len list map max min pow print range reversed round set sorted "
+    "str sum tuple zip"
 )
 
 TORCH_CONSTANTS = words(
@@ -66,7 +67,7 @@ TORCH_FUNCTIONS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
     arctanh argmax argmin argsort as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not
     bitwise_or bmm broadcast_tensors broadcast_to cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack
-    concat concatenate copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
+    concat concatenate conj copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
     diagonal diff dist div divide dot einsum eq erf exp exp2 expm1 eye fix flatten flip floor floor_divide fmax fmin
     fmod frac full full_like gather ge greater greater_equal gt heaviside hstack hypot index_select inner isclose
     isfinite isinf isnan isneginf isposinf le lerp less less_equal linspace log log10 log1p log2 log_softmax logaddexp
@@ -105,7 +106,7 @@ NUMPY_NAMES: dict[str, str] = {
 METHODS = words("""
     abs absolute acos acosh add addcdiv addcmul all amax amin any arccos arccosh arcsin arcsinh arctan arctan2 arctanh
     argmax argmin argsort asin asinh atan atan2 atanh baddbmm bitwise_and bitwise_not bitwise_or bmm bool broadcast_to
-    ceil chunk clamp clamp_max clamp_min clip clone contiguous copysign cos cosh count_nonzero cross cummax cummin
+    ceil chunk clamp clamp_max clamp_min clip clone conj contiguous copysign cos cosh count_nonzero cross cummax cummin
     cumprod cumsum deg2rad detach diagonal diff dim dist div divide dot double eq erf exp exp2 expand expand_as expm1
     fix flatten flip float floor floor_divide fmax fmin fmod frac gather ge greater greater_equal gt half heaviside
     hypot index_select inner int isclose isfinite isinf isnan isneginf isposinf item le lerp less less_equal log log10
@@ -117,7 +118,7 @@ METHODS = words("""
     triu true_divide trunc type type_as unbind unflatten unsqueeze var view view_as where xlogy
     new_full new_ones new_tensor new_zeros
     add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
-    append extend copy items keys values get update format lower upper replace startswith endswith
+    append count extend copy index insert items join pop reverse setdefault strip keys values get update format lower upper replace startswith endswith
     """)
 """Methods of tensors, lists, dictionaries and strings."""
 

@@ -20,21 +20,25 @@ from porse.tasks import find_task, make_task
 
 
 def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[str, Any]:
-    """Returns the values of all variables of a task: states right after a reset, then after random actions.
+    """Returns the values of all variables of a task in states that a reward is paid for: each comes after a step.
 
-    Tensors have 2 x num_envs rows, since both kinds of state have broken functions that only met the other.
+    A third of the states has seen one step of random actions, a third `steps` of them, as the last third, whose episodes
+    are nearly over by their clocks. Tensors have 3 x num_envs rows: each kind of state has broken functions that only met the
+    others. None comes right after a reset, where forces are exactly 0 and no reward is ever paid.
     """
     task = make_task(task_name, num_envs, seed)
-    first = task.variables()
     generator = torch.Generator().manual_seed(seed)
-    for _ in range(steps):
+    seen: list[dict[str, Any]] = []
+    for step in range(max(steps, 1)):
         task.step(2.0 * torch.rand(num_envs, task.NUM_ACTIONS, generator=generator) - 1.0)
-    last = task.variables()
-    joined: dict[str, Any] = {}
-    for name, value in last.items():
-        before = first[name]
-        joined[name] = torch.cat([before, value]) if isinstance(value, Tensor) and isinstance(before, Tensor) else value
-    return joined | {"num_envs": 2 * num_envs}
+        if step in (0, max(steps, 1) - 1):
+            seen.append({n: v.clone() if isinstance(v, Tensor) else v for n, v in task.variables().items()})
+    late = dict(seen[-1])
+    if isinstance(clock := late.get("progress_buf"), Tensor):
+        late["progress_buf"] = clock + (task.EPISODE_LENGTH - 1 - int(clock.max()))
+    parts = [seen[0], seen[-1], late]
+    joined = {n: torch.cat([part[n] for part in parts]) if isinstance(v, Tensor) else v for n, v in late.items()}
+    return joined | {"num_envs": 3 * num_envs}
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """What a policy is paid for: the total reward of eq. 6, and the series that are written down about it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -88,11 +89,18 @@ class EpochMeans:
         self._steps += 1
 
     def take(self) -> dict[str, float]:
-        """Returns the means so far and starts a new epoch."""
+        """Returns the means so far and starts a new epoch.
+
+        Raises:
+            CandidateFailed: one is not finite, and so were values of the function that it is a series of.
+        """
         if self._sums is None:
             return {}
         means = dict(zip(self._names, (self._sums / self._steps).tolist(), strict=True))
         self._sums, self._steps = None, 0
+        wrong = [name for name, value in means.items() if not math.isfinite(value)]
+        if wrong:
+            raise CandidateFailed(f"its series {', '.join(wrong)} held NaN or infinity in an epoch; guard what makes it")
         return means
 
 

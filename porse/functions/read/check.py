@@ -209,7 +209,7 @@ class _FunctionCheck:
 
     def _is_offered(self, name: str) -> bool:
         is_class_of_it = is_class(ast.Name(id=name, ctx=ast.Load())) and bool(self._offered)
-        return name in BUILTINS or name in HELPERS_IN_SCOPE or is_class_of_it
+        return name in BUILTINS or name in HELPERS_IN_SCOPE or name == "getattr" or is_class_of_it
 
     def _attribute(self, node: ast.Attribute) -> None:
         if isinstance(node.ctx, ast.Store | ast.Del):

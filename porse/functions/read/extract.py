@@ -7,6 +7,7 @@ constants, unusual imports) comes along. Line numbers of the reply are kept. Not
 
 import ast
 import html
+import json
 import re
 from dataclasses import dataclass
 
@@ -65,6 +66,16 @@ def extract(reply: str, kind: Kind) -> Extracted:
     Raises:
         CodeError: there is none; check "extract" or "syntax", with the line of the reply.
     """
+    if len(reply) > MAX_REPLY_CHARACTERS:
+        raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
+    line, code = _wrapped(reply)
+    if code:
+        found = _extracted(code, kind)
+        return Extracted(found.source, tuple(line for _ in found.lines), found.name)
+    return _extracted(reply, kind)
+
+
+def _extracted(reply: str, kind: Kind) -> Extracted:
     lines = _clean_lines(reply)
     functions = [_parse_chunk(chunk) for chunk in chunks(lines)]
     main = _choose(functions, kind)
@@ -77,16 +88,38 @@ def extract(reply: str, kind: Kind) -> Extracted:
 
 def _clean_lines(reply: str) -> list[str]:
     """Returns the lines of the reply with line ends, blanks, quotes of mail and escapes of HTML made plain."""
-    if len(reply) > MAX_REPLY_CHARACTERS:
-        raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
-    text = re.sub(r"\r\n?", "\n", reply)
+    text = _without_thinking(re.sub(r"\r\n?", "\n", reply))
     text = re.sub(r"[\u200b\u200d\u2060\ufeff\u00ad]", "", text).replace("\u00a0", " ")
-    if re.search(r"&(gt|lt|quot|#39);", text):
+    if re.search(r"<(pre|code)\b", text):
+        text = re.sub(r"</?(pre|code|span)\b[^<>\n]*>", "", text)
+    if re.search(r"&(gt|lt|quot|amp|#39);", text):
         text = html.unescape(text)
     lines = [line.rstrip() for line in text.split("\n")]
     if any(re.match(r">\s+(def|@)", line) for line in lines):
         lines = [re.sub(r"^>\s?", "", line) for line in lines]
     return lines
+
+
+def _without_thinking(text: str) -> str:
+    """Returns a text with blanks for what a model thought before it answered: drafts are no answer, closed or not."""
+    end = max((match.end() for match in re.finditer(r"</(think|thinking|reasoning)>", text)), default=0)
+    before, rest = text[:end], text[end:]
+    start = re.search(r"^\s*<(think|thinking|reasoning)>", rest, re.MULTILINE)
+    cut = start.start() if start else len(rest)
+    return re.sub(r"[^\n]", "", before) + rest[:cut] + re.sub(r"[^\n]", "", rest[cut:])
+
+
+def _wrapped(reply: str) -> tuple[int, str]:
+    """Returns the code that stands as a text in a reply's JSON, and the line of the reply that it begins on; "" for none."""
+    start, end = reply.find("{"), reply.rfind("}")
+    if start < 0 or re.search(r"^\s*(async\s+)?def\s", reply, re.MULTILINE):
+        return 0, ""
+    try:
+        held = json.loads(reply[start : end + 1])
+    except (ValueError, RecursionError):
+        return 0, ""
+    texts = [text for text in held.values() if isinstance(text, str) and "def " in text] if isinstance(held, dict) else []
+    return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
 
 
 def _parse_chunk(chunk: Chunk) -> _Function:

@@ -24,7 +24,6 @@ from porse.functions.contract import (
     TORCH_CONSTANTS,
     TORCH_FUNCTIONS,
     TORCH_MODULES,
-    words,
 )
 from porse.functions.read.check import ERRORS
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
@@ -33,8 +32,6 @@ from porse.functions.verdict import CodeError
 
 FILE = "<function>"
 """What Python calls the source in its tracebacks."""
-_OF_EVERY_TASK = words("actions device num_envs obs_buf progress_buf")
-"""What `self` has in the tasks, whatever a class around the function sets when it is made."""
 
 
 def compiled(source: Source) -> CodeType:
@@ -134,8 +131,7 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     }
     exec(code, space)
     for name in source.constants:
-        if name not in _OF_EVERY_TASK:
-            setattr(own, name, space[name])
+        setattr(own, name, space[name])
     for function in source.functions:
         setattr(own, function.name, _bound(space[function.name], own) if takes_self(function) else space[function.name])
     given = {a.arg: values[a.arg] for a in all_arguments(source.main) if a.arg in values}
@@ -206,10 +202,19 @@ _TORCH = SimpleNamespace(
     | {"linalg": SimpleNamespace(**_names(torch.linalg, TORCH_MODULES["linalg"]))}
     | {"special": SimpleNamespace(**_names(torch.special, TORCH_MODULES["special"]))}
 )
-_NUMPY = SimpleNamespace(**{
-    name: getattr(_MATH, path.removeprefix("math.")) if path.startswith("math.") else getattr(builtins, path)
-    for name, path in NUMPY_NAMES.items()
-})  # fmt: skip
+
+
+def _of_numpy(path: str) -> Any:
+    """Returns a constant of numpy's, or a function of numbers that takes tensors as well where torch has one."""
+    module, _, name = path.rpartition(".")
+    of_numbers = getattr(math if module else builtins, name)
+    of_tensors = getattr(torch, name, None)
+    if not callable(of_numbers) or of_tensors is None:
+        return of_numbers
+    return lambda *given: (of_tensors if isinstance(given[0], torch.Tensor) else of_numbers)(*given)
+
+
+_NUMPY = SimpleNamespace(**{name: _of_numpy(path) for name, path in NUMPY_NAMES.items()})
 _SPACES = {"torch": _TORCH, "math": _MATH, "numpy": _NUMPY, "torch.nn": _NN, "torch.nn.functional": _FUNCTIONAL} | {
     f"torch.{name}": getattr(_TORCH, name) for name in ("linalg", "special")
 }

@@ -43,7 +43,7 @@ class Operator:
         name: `mul.Tensor`.
         call: what computes it.
         writes: it writes over its first argument.
-        shares: its results may share memory with its arguments.
+        shares: places of the arguments that its results may share memory with.
         makes: it makes a tensor of numbers alone, and must be told the device.
         returns: how many tensors it returns; 0 for a list of as many as there are.
     """
@@ -51,7 +51,7 @@ class Operator:
     name: str
     call: Any
     writes: bool
-    shares: bool
+    shares: frozenset[int]
     makes: bool
     returns: int
 
@@ -94,10 +94,16 @@ def operator(name: str) -> Operator:
         name,
         found,
         bool(written),
-        any(r.alias_info is not None for r in schema.returns) or base in _SHARING,
+        _shared(base, schema),
         any(a.name == "device" for a in schema.arguments) and not any("Tensor" in str(a.type) for a in schema.arguments),
         0 if kinds == ["List[Tensor]"] else len(kinds),
     )
+
+
+def _shared(base: str, schema: Any) -> frozenset[int]:
+    """Returns the places of the arguments that results may share memory with."""
+    places = range(len(schema.arguments))
+    return frozenset(i for i in places if base in _SHARING or schema.arguments[i].alias_info is not None)
 
 
 def _is_plain(schema: Any) -> bool:

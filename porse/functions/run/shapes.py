@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from porse.functions.run.operators import Operator, divides, operator
-from porse.functions.run.program import Program, Register, Step, at, reads, registers
+from porse.functions.run.program import Program, Register, Step, at, registers
 from porse.functions.verdict import CodeError
 
 MANY = 2048
@@ -53,7 +53,8 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
     for step in program.steps:
         op = operator(step.operator)
         made = _made(program, step, op, values, shared, num_envs)
-        sources = frozenset[int]().union(*(shared[index] for index in reads(step))) if op.shares else frozenset[int]()
+        given = [step.arguments[place] for place in sorted(op.shares) if place < len(step.arguments)]
+        sources = frozenset[int]().union(*(shared[index] for value in given for index in registers(value)))
         for value in made:
             shared.append(sources | {len(values)})
             values.append(value)
