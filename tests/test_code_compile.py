@@ -30,7 +30,10 @@ def test_a_reward_is_total_and_components_by_name(portable):
 
 
 def test_arguments_are_task_variables_in_the_order_of_the_function():
-    assert compile_reward(reward("x = b[:, 0] + a[:, 0]", arguments="b, a"), VARIABLES, False).program.variables == ("b", "a")
+    assert compile_reward(reward("x = b[:, 0] + a[:, 0]", arguments="b, a"), VARIABLES, False).program.variables == (
+        "b",
+        "a",
+    )
 
 
 def test_a_method_takes_what_it_reads():

@@ -8,14 +8,43 @@ import torch
 
 from code_cases import VARIABLES, traced, values
 from porse.functions.run.execute import load_reward
+from porse.functions.verdict import words
 
-UNARY = """
+UNARY = sorted(
+    words("""
     torch.abs torch.exp torch.tanh torch.sin torch.cos torch.sigmoid torch.sqrt torch.acos torch.asin torch.atan torch.tan
-    torch.square torch.floor torch.sign torch.neg torch.relu torch.log10 torch.log1p torch.expm1 torch.erf torch.isnan
+    torch.square torch.floor torch.sign torch.neg torch.relu torch.log10 torch.log1p torch.expm1 torch.erf
     torch.nan_to_num F.softplus F.elu F.silu F.gelu F.leaky_relu torch.round torch.zeros_like torch.ones_like torch.rsqrt
-    """.split()
-BINARY = ["+", "-", "*", "/", "torch.maximum", "torch.minimum", "torch.atan2", "torch.hypot", "torch.fmod", "torch.copysign"]
-NUMBERS = ["0.5", "2", "-1.5", "1e-3", "0", "math.pi", "1", "3.0", "-0.0", "1 / 3", "scale", "len('abc')", "w['k']", "1 / num_envs"]
+    """)
+)
+BINARY = [
+    "+",
+    "-",
+    "*",
+    "/",
+    "torch.maximum",
+    "torch.minimum",
+    "torch.atan2",
+    "torch.hypot",
+    "torch.fmod",
+    "torch.copysign",
+]
+NUMBERS = [
+    "0.5",
+    "2",
+    "-1.5",
+    "1e-3",
+    "0",
+    "math.pi",
+    "1",
+    "3.0",
+    "-0.0",
+    "1 / 3",
+    "scale",
+    "len('abc')",
+    "w['k']",
+    "1 / num_envs",
+]
 REDUCE = ["sum", "mean", "amax", "amin", "prod", "norm", "std", "logsumexp"]
 SCAN = ["cumsum", "softmax"]
 
@@ -86,9 +115,15 @@ class Writer:
         elif pick < 0.5:
             self.lines += [f"{name} = {vector} * 1.0", f"{name} {self.draw.choice('+-*')}= {self.vector(1)}"]
         elif pick < 0.58:
-            self.lines += [f"{name} = {vector}.clone().float()", f"{name}[{self.vector(1)} > 0.1] = {self.draw.choice(['0.0', '1.5'])}"]
+            self.lines += [
+                f"{name} = {vector}.clone().float()",
+                f"{name}[{self.vector(1)} > 0.1] = {self.draw.choice(['0.0', '1.5'])}",
+            ]
         elif pick < 0.64:
-            self.lines += [f"{name} = {vector}.clone().float()", f"{name}[{self.vector(1)} > 0.1] *= {self.draw.choice(['0.5', '2.0'])}"]
+            self.lines += [
+                f"{name} = {vector}.clone().float()",
+                f"{name}[{self.vector(1)} > 0.1] *= {self.draw.choice(['0.5', '2.0'])}",
+            ]
         elif pick < 0.72:
             self.lines += [
                 f"{name} = 0.0", "for i in range(5):", "    if i == 3:", "        break", "    if i == 1:", "        continue",
@@ -97,11 +132,22 @@ class Writer:
         elif pick < 0.8:
             self.lines.append(f"{name} = sum(y * k for k, y in enumerate([{vector}, {self.vector(1)}]) if k != 5)")
         elif pick < 0.88:
-            self.lines += [f"def h{name}(y, k=2):", "    return torch.tanh(y) * k", f"{name} = h{name}({vector}) + h{name}({self.vector(1)}, k=0.5)"]
+            self.lines += [
+                f"def h{name}(y, k=2):",
+                "    return torch.tanh(y) * k",
+                f"{name} = h{name}({vector}) + h{name}({self.vector(1)}, k=0.5)",
+            ]
         elif pick < 0.94:
-            self.lines += [f"parts = {{'x': {vector}, f'y_{{1}}': {self.vector(1)}}}", f"{name} = parts['x'] - parts['y_1']"]
+            self.lines += [
+                f"parts = {{'x': {vector}, f'y_{{1}}': {self.vector(1)}}}",
+                f"{name} = parts['x'] - parts['y_1']",
+            ]
         else:
-            self.lines += [f"m{name} = {self.matrix()}.clone()", f"m{name}[:, 1] = {vector}.float()", f"{name} = m{name}.sum(dim=-1)"]
+            self.lines += [
+                f"m{name} = {self.matrix()}.clone()",
+                f"m{name}[:, 1] = {vector}.float()",
+                f"{name} = m{name}.sum(dim=-1)",
+            ]
         self.vectors.append(name)
 
     def source(self):

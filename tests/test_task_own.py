@@ -12,6 +12,7 @@ import pytest
 import torch
 import yaml
 
+from code_cases import traced, variable
 from porse import tables
 from porse.errors import TaskError
 from porse.pool import policy_file, read_pool, write_pool
@@ -24,6 +25,7 @@ REWARD = """def compute_reward(pole_angle: torch.Tensor, cart_pos: torch.Tensor)
     return upright + middle, {"upright": upright, "middle": middle}
 """
 RENDERERS = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
+OFFERED = [variable("pole_angle"), variable("cart_pos")]
 MAPPING = "def mapping_function(self):\n    return [self.pole_angle.abs()], [False], ['angle']\n"
 
 
@@ -120,7 +122,8 @@ def trained(root, project) -> Path:
     start = next((project / "run" / "1" / "start").rglob("*.safetensors"))
     row = {
         "iteration": 1, "slot": 0, "candidate_id": "one", "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING, "beta": 1.0, "alpha": 0.8,
+        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING,
+        "reward_program": traced(REWARD, "reward", OFFERED).text, "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
     write_pool(project / "pool", [row, {**row, "candidate_id": "two", "slot": 1, "beta": 0.5}], [], {"fused": start})

@@ -3,13 +3,7 @@
 Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
 """
 
-from porse.functions.verdict import MAX_NAMES, Kind
-
-
-def words(text: str) -> frozenset[str]:
-    """Returns the words of a text: how the long lists here and elsewhere are written."""
-    return frozenset(text.split())
-
+from porse.functions.verdict import MAX_NAMES, Kind, words
 
 FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
     "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),

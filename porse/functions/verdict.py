@@ -86,3 +86,8 @@ class CodeError(PorseError):
 def plain_name(name: str) -> str:
     """Returns a name of at most 64 letters, digits and underscores, "unnamed" when nothing is left."""
     return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:MAX_NAME_CHARACTERS].rstrip("_") or "unnamed"
+
+
+def words(text: str) -> frozenset[str]:
+    """Returns the words of a text: how the long lists here and elsewhere are written."""
+    return frozenset(text.split())

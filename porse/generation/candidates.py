@@ -10,7 +10,6 @@ from porse.search.breeding import Breeding
 from porse.search.schedule import is_searched
 from porse.tables import Row
 
-
 _PARTS = ("key", "source", "program")
 """What a candidate's row holds of a function."""
 

@@ -9,11 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from porse.config import Params
 from porse.functions.read.limits import Limits
 from porse.functions.read.states import save_states
 from porse.functions.read.validate import Submission, validate
 from porse.functions.verdict import Verdict
-from porse.config import Params
 from porse.generation.functions import Attempt
 from porse.identity import seed_for
 from porse.tasks import find_task, make_task

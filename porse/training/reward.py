@@ -100,7 +100,9 @@ class EpochMeans:
         self._sums, self._steps = None, 0
         wrong = [name for name, value in means.items() if not math.isfinite(value)]
         if wrong:
-            raise CandidateFailed(f"its series {', '.join(wrong)} held NaN or infinity in an epoch; guard what makes it")
+            raise CandidateFailed(
+                f"its series {', '.join(wrong)} held NaN or infinity in an epoch; guard what makes it"
+            )
         return means
 
 

@@ -8,7 +8,7 @@ import ast
 import re
 from collections.abc import Mapping
 
-from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS, words
+from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS
 from porse.functions.read.allowed import (
     check_identifier,
     check_keyword,
@@ -29,7 +29,7 @@ from porse.functions.read.source import (
     module_path,
     takes_self,
 )
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import CodeError, words
 from porse.variables import Variable
 
 _PLAIN = (
@@ -50,7 +50,18 @@ _RANDOM = frozenset(f"torch.{name}" for name in ("rand", "randn", "rand_like", "
 _ANNOTATION = (
     ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.BitOr, ast.Constant, ast.Load,
 )  # fmt: skip
-_DEFAULT = (ast.Constant, ast.Tuple, ast.List, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.Attribute, ast.Name, ast.Load)
+_DEFAULT = (
+    ast.Constant,
+    ast.Tuple,
+    ast.List,
+    ast.UnaryOp,
+    ast.unaryop,
+    ast.BinOp,
+    ast.operator,
+    ast.Attribute,
+    ast.Name,
+    ast.Load,
+)
 ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
 """What may be raised."""
 
@@ -95,7 +106,9 @@ def _check_annotation(node: ast.expr | None) -> None:
 class _FunctionCheck:
     """Walks one function, those in it included; the walk keeps which helpers it calls."""
 
-    def __init__(self, source: Source, function: ast.FunctionDef, variables: Mapping[str, Variable], bound: set[str]) -> None:
+    def __init__(
+        self, source: Source, function: ast.FunctionDef, variables: Mapping[str, Variable], bound: set[str]
+    ) -> None:
         self._source = source
         self._function = function
         self._variables = variables
@@ -201,7 +214,9 @@ class _FunctionCheck:
             self.helpers.add(name)
         elif name in source.modules:
             if "." in source.modules[name] and not path_allowed(source.modules[name]):
-                raise CodeError("static", f"{source.modules[name]} is not on the list of allowed functions", node.lineno)
+                raise CodeError(
+                    "static", f"{source.modules[name]} is not on the list of allowed functions", node.lineno
+                )
             if source.modules[name] in ("torch", "math", "numpy", "torch.nn", "torch.nn.functional"):
                 raise CodeError("static", f"the module {name} stands alone; name a function of it", node.lineno)
         elif name not in self._variables and name not in source.constants and not self._is_offered(name):

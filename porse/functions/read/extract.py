@@ -118,7 +118,9 @@ def _wrapped(reply: str) -> tuple[int, str]:
         held = json.loads(reply[start : end + 1])
     except (ValueError, RecursionError):
         return 0, ""
-    texts = [text for text in held.values() if isinstance(text, str) and "def " in text] if isinstance(held, dict) else []
+    texts = (
+        [text for text in held.values() if isinstance(text, str) and "def " in text] if isinstance(held, dict) else []
+    )
     return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
 
 

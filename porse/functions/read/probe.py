@@ -48,7 +48,7 @@ def serve(load: Load) -> None:
     variables: Sequence[Variable] = []
     values: Mapping[str, Any] = {}
     make_sleef()
-    warm_up()
+    try_program(*warm_up(), line=0)
     seal()
     for line in sys.stdin.buffer:
         request = json.loads(line)

@@ -56,8 +56,12 @@ def read_reply(reply: str, kind: Kind, variables: Sequence[Variable], values: Ma
     return Read(program.text, extracted.source, line=extracted.line_of(source.last_line))
 
 
-def warm_up() -> None:
-    """Has Python and torch prepare what they prepare once, so that no function needs a file later."""
+def warm_up() -> tuple[str, dict[str, Any]]:
+    """Has Python and torch prepare what they prepare once, so that no function needs a file later.
+
+    Returns:
+        A list, and states to try it on, for who tries lists to do the same.
+    """
     variables = [Variable("x", "tensor", (3,), "1", "world", "")]
     values = {"x": torch.linspace(-1.0, 1.0, 48).reshape(16, 3), "num_envs": 16}
     source = (
@@ -71,9 +75,6 @@ def warm_up() -> None:
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        _read_all(source, variables, values)
-
-
-def _read_all(source: str, variables: Sequence[Variable], values: Mapping[str, Any]) -> None:
-    for text in (source, source.replace("q.sum()", "q.sum().item()"), "def compute_reward(x:\n"):
-        read_reply(text, "reward", variables, values)
+        for text in ("def compute_reward(x:\n", source.replace("q.sum()", "q.sum().item()"), source):
+            found = read_reply(text, "reward", variables, values)
+    return found.program, values

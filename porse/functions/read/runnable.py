@@ -65,7 +65,9 @@ class _Plain(ast.NodeTransformer):
         return ast.copy_location(ast.Assign(targets=[node.target], value=node.value), node)
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST:
-        is_print = isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Name) and node.value.func.id == "print"
+        is_print = (
+            isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Name) and node.value.func.id == "print"
+        )
         return ast.copy_location(ast.Pass(), node) if is_print else self.generic_visit(node)
 
     def _left_out(self, node: ast.stmt) -> ast.AST:

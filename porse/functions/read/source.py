@@ -4,9 +4,9 @@ import ast
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from porse.functions.contract import MAX_SOURCE_LINES, MODULES, words
+from porse.functions.contract import MAX_SOURCE_LINES, MODULES
 from porse.functions.read.scan import parse_source
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import CodeError, words
 
 DEFAULT_MODULES = {
     "torch": "torch",

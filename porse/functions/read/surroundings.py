@@ -9,10 +9,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.functions.contract import MODULES, words
+from porse.functions.contract import MODULES
 from porse.functions.read.scan import Chunk, bracketed, parse_source, regions
 from porse.functions.read.source import DEFAULT_MODULES, constant_of, is_constant
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import CodeError, words
 
 Import = ast.Import | ast.ImportFrom
 

@@ -64,10 +64,13 @@ def _needed(program: Program) -> Program:
         variables=tuple(name for index, name in enumerate(program.variables) if index in moved),
         constants=tuple(c for index, c in enumerate(program.constants, start=count) if index in moved),
         steps=tuple(
-            Step(s.operator, tuple(replaced(v, moved) for v in s.arguments), tuple((n, replaced(v, moved)) for n, v in s.keywords), s.makes)
+            Step(
+                s.operator,
+                tuple(replaced(v, moved) for v in s.arguments),
+                tuple((n, replaced(v, moved)) for n, v in s.keywords),
+                s.makes,
+            )
             for _, s in kept
         ),
         results=tuple(moved[r] for r in program.results),
     )
-
-

@@ -86,7 +86,9 @@ class _Recorder(Watch):
         if op.writes:
             self._check_written(given[0])
         if len(self.run.steps) >= MAX_STEPS:
-            raise CodeError("static", f"the function takes more than {MAX_STEPS} operators; use tensor operations, not loops")
+            raise CodeError(
+                "static", f"the function takes more than {MAX_STEPS} operators; use tensor operations, not loops"
+            )
         made = func(*given, **(kwargs or {}))
         if not op.writes and any(made is value for value in given):
             return made
@@ -122,7 +124,9 @@ class _Recorder(Watch):
     def _constant(self, value: Tensor) -> _At:
         """Notes a tensor that Python made of numbers; a copy of it is what the function has, and may change."""
         if value.numel() > MAX_CONSTANTS or value.dtype not in TYPES.values():
-            raise CodeError("static", f"a tensor of more than {MAX_CONSTANTS} written numbers, or of complex ones, is not allowed")
+            raise CodeError(
+                "static", f"a tensor of more than {MAX_CONSTANTS} written numbers, or of complex ones, is not allowed"
+            )
         dtype = next(name for name, dtype in TYPES.items() if dtype is value.dtype)
         self.run.constants.append((dtype, _tuples(value.tolist())))
         self.run.steps.append(("clone.default", (_At("c", len(self.run.constants) - 1),), (), 1))
@@ -158,7 +162,9 @@ class _Recorder(Watch):
             message = f"the function may change its input {name} in place; work on {name}.clone()"
             raise CodeError("inplace", message)
         if what is not None:
-            raise CodeError("inplace", f"the function changes {what}, which is 1 call's state in the next; work on a clone of it")
+            raise CodeError(
+                "inplace", f"the function changes {what}, which is 1 call's state in the next; work on a clone of it"
+            )
 
 
 def _memory(value: Tensor) -> int:
@@ -180,7 +186,11 @@ def _reason(base: str) -> str:
             "a number is taken out of a tensor (.item(), float, int, round, math, an f-string or a tensor of tensors),"
             " which is not allowed; keep tensors, with functions of torch, and torch.stack for tensors of them"
         )
-    return BY_MASK if base.startswith("masked") else f"{base} makes a size from the values of a tensor, which is not allowed; use torch.where"
+    return (
+        BY_MASK
+        if base.startswith("masked")
+        else f"{base} makes a size from the values of a tensor, which is not allowed; use torch.where"
+    )
 
 
 def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
@@ -230,7 +240,10 @@ def _run(source: Source, code: CodeType, kind: Kind, values: Mapping[str, Any], 
         own = recorder.run.steps[before[0] :]
         recorder.run = _Run(first.variables, first.constants[: before[2]], first.steps[: before[0]], made=before[1])
         finish(main(), values["num_envs"], recorder)
-        if not _alike(own, recorder.run.steps[before[0] :]) or (first.names, first.rises) != (recorder.run.names, recorder.run.rises):
+        if not _alike(own, recorder.run.steps[before[0] :]) or (first.names, first.rises) != (
+            recorder.run.names,
+            recorder.run.rises,
+        ):
             raise CodeError("static", "the function keeps something from one call to the next, which is not allowed")
     return first
 

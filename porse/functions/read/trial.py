@@ -14,7 +14,7 @@ from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, reads
-from porse.functions.run.shapes import mixing, shapes_of
+from porse.functions.run.shapes import FEW, mixing, shapes_of
 from porse.functions.verdict import CodeError, Verdict
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
@@ -26,7 +26,54 @@ _LARGEST = 1e8
 _SHAPES_ONLY = frozenset(["zeros_like", "ones_like", "full_like", "new_zeros", "new_ones", "new_full"])
 """Operators that take a shape from a tensor, and no number."""
 _STEPS = frozenset(
-    ["all", "any", "argmax", "argmin", "argsort", "ceil", "clamp", "clamp_max", "clamp_min", "clip", "count_nonzero", "eq", "floor", "floor_divide", "ge", "greater", "greater_equal", "gt", "heaviside", "isclose", "le", "less", "less_equal", "logical_and", "logical_not", "logical_or", "logical_xor", "lt", "masked_fill", "max", "maximum", "min", "minimum", "ne", "not_equal", "relu", "relu6", "round", "sgn", "sign", "signbit", "threshold", "trunc", "where", "hardtanh", "hardsigmoid"]
+    [
+        "all",
+        "any",
+        "argmax",
+        "argmin",
+        "argsort",
+        "ceil",
+        "clamp",
+        "clamp_max",
+        "clamp_min",
+        "clip",
+        "count_nonzero",
+        "eq",
+        "floor",
+        "floor_divide",
+        "ge",
+        "greater",
+        "greater_equal",
+        "gt",
+        "heaviside",
+        "isclose",
+        "le",
+        "less",
+        "less_equal",
+        "logical_and",
+        "logical_not",
+        "logical_or",
+        "logical_xor",
+        "lt",
+        "masked_fill",
+        "max",
+        "maximum",
+        "min",
+        "minimum",
+        "ne",
+        "not_equal",
+        "relu",
+        "relu6",
+        "round",
+        "sgn",
+        "sign",
+        "signbit",
+        "threshold",
+        "trunc",
+        "where",
+        "hardtanh",
+        "hardsigmoid",
+    ]
 )
 """Operators whose results may stay the same over most states, and still tell some from others."""
 
@@ -118,7 +165,9 @@ def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[
     be constant in all states tried here, and still tell others apart; what does neither is.
     """
     program = function.program
-    results = dict(zip(["", *program.names] if program.kind == "reward" else program.names, program.results, strict=True))
+    results = dict(
+        zip(["", *program.names] if program.kind == "reward" else program.names, program.results, strict=True)
+    )
     suspects = [name for name in outputs if not name or program.kind == "mapping"]
     generator = torch.Generator().manual_seed(0)
     for scale in _SCALES:
@@ -130,7 +179,9 @@ def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[
         suspects = [n for n in suspects if bool((found[n] == outputs[n]).all())]
     for name in suspects:
         if not _may_step(program, results[name]):
-            raise CodeError("constant", f"{_what(name, program)} is the same number in all states, whatever the variables are")
+            raise CodeError(
+                "constant", f"{_what(name, program)} is the same number in all states, whatever the variables are"
+            )
 
 
 def _may_step(program: Program, result: int) -> bool:
@@ -155,11 +206,13 @@ def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[st
     count = values["num_envs"] // 2
     some = {n: v[:count] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
     found = _outputs(function, some)
-    mixed = [n for n, v in outputs.items() if not torch.allclose(v[:count], found[n], rtol=1e-3, atol=1e-5, equal_nan=True)]
+    mixed = [
+        n for n, v in outputs.items() if not torch.allclose(v[:count], found[n], rtol=1e-3, atol=1e-5, equal_nan=True)
+    ]
     if not mixed:
         return ""
     tensors = {name: values[name] for name in program.variables}
-    step = mixing(program, shapes_of(program, tensors, count), shapes_of(program, tensors, count + 1))
+    step = mixing(program, *(shapes_of(program, tensors, few) for few in FEW))
     if step is not None:
         raise CodeError(
             "shape",

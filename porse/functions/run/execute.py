@@ -16,7 +16,7 @@ from torch import Tensor
 from porse.functions.run.operators import Operator, Watch, base_of, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, Step, at, read_program, reads
-from porse.functions.run.shapes import MANY, Shapes, check_results, shapes_of
+from porse.functions.run.shapes import FEW, Shapes, check_results, check_sizes, shapes_of
 from porse.functions.verdict import CodeError
 
 Results = TypeVar("Results")
@@ -26,7 +26,28 @@ Run = Callable[[list[Any]], None]
 _HELD = frozenset(["add", "div", "eq", "ge", "gt", "le", "lt", "mul", "ne", "rsub", "sub"])
 """Operators of two tensors that take a number as the second one: torch makes a tensor of it in every call."""
 _IN_PLACE = frozenset(
-    ["abs", "add", "clamp", "clamp_max", "clamp_min", "cos", "div", "exp", "log", "mul", "neg", "reciprocal", "relu", "rsqrt", "sigmoid", "sin", "sqrt", "square", "sub", "tanh"]
+    [
+        "abs",
+        "add",
+        "clamp",
+        "clamp_max",
+        "clamp_min",
+        "cos",
+        "div",
+        "exp",
+        "log",
+        "mul",
+        "neg",
+        "reciprocal",
+        "relu",
+        "rsqrt",
+        "sigmoid",
+        "sin",
+        "sqrt",
+        "square",
+        "sub",
+        "tanh",
+    ]
 )
 """Operators that keep shape and type, and that exist in a form that writes over the first argument."""
 
@@ -59,7 +80,10 @@ class _Function(ABC, Generic[Results]):
         given = [self._pick(variables)] if self._takes_one else [*self._pick(variables)]
         num_envs = given[0].shape[0] if given else 0
         if num_envs != self._ready[0]:
-            self._ready = (num_envs, *_prepared(self.program, dict(zip(self.program.variables, given, strict=True)), self._is_portable))
+            self._ready = (
+                num_envs,
+                *_prepared(self.program, dict(zip(self.program.variables, given, strict=True)), self._is_portable),
+            )
         _, held, steps, take = self._ready
         slots = given + held
         try:
@@ -137,13 +161,15 @@ def _prepared(
     """Returns what stands behind the variables in the slots, the steps, and what takes the results from the slots."""
     num_envs = next(iter(given.values())).shape[0] if given else 0
     device = next((value.device for value in given.values()), torch.device("cpu"))
-    check_results(program, shapes_of(program, given, MANY), MANY)
-    shapes = shapes_of(program, given, num_envs)
-    check_results(program, shapes, num_envs)
+    small = [shapes_of(program, given, count) for count in FEW]
+    for shapes, count in zip(small, FEW, strict=True):
+        check_results(program, shapes, count)
+    check_sizes(*small, num_envs)
+    shapes = small[0]
     single = shapes.is_single
     if is_portable and single:
         program = with_norms(program)
-        shapes = shapes_of(program, given, num_envs)
+        shapes = shapes_of(program, given, FEW[0])
     return _Builder(program, shapes, num_envs, device, is_portable, single).built()
 
 
@@ -188,7 +214,9 @@ class _Builder:
         key = float(number)
         if key not in self._numbers or key == 0.0:
             self._numbers[key] = len(self._held)
-            self._held.append(torch.tensor(key, dtype=torch.float32, device=self._device if self._device.type != "cuda" else "cpu"))
+            self._held.append(
+                torch.tensor(key, dtype=torch.float32, device=self._device if self._device.type != "cuda" else "cpu")
+            )
         return [values[0], Register(-1 - self._numbers[key])]
 
     def _closed(self, number: int, step: Step, op: Operator, given: list[Any], made: int) -> Run:
@@ -246,10 +274,10 @@ class _Builder:
         return op.call
 
     def _example(self, value: Any) -> Any:
-        """Returns an argument with tensors without numbers for registers."""
+        """Returns an argument with the small run's tensors for registers."""
         if isinstance(value, Register):
             if value.index < 0:
-                return torch.empty((), device="meta")
+                return self._held[-1 - value.index]
             return self._shapes.values[value.index].clone()
         return [self._example(part) for part in value] if isinstance(value, list) else value
 
@@ -284,7 +312,11 @@ def _is_same(found: str, wanted: str, given: Sequence[Any]) -> bool:
     if found == wanted:
         return True
     held = any(isinstance(value, Register) and value.index < 0 for value in given)
-    return ("." not in wanted or held) and base_of(found) == base_of(wanted) and found.partition(".")[0] == wanted.partition(".")[0]
+    return (
+        ("." not in wanted or held)
+        and base_of(found) == base_of(wanted)
+        and found.partition(".")[0] == wanted.partition(".")[0]
+    )
 
 
 def _closure(call: Callable[..., Any], places: Sequence[Any], to: int) -> Run:
@@ -313,7 +345,9 @@ def _closure(call: Callable[..., Any], places: Sequence[Any], to: int) -> Run:
     return _any_closure(call, places, {}, [to])
 
 
-def _any_closure(call: Callable[..., Any], places: Sequence[Any], keywords: Mapping[str, Any], out: Sequence[int]) -> Run:
+def _any_closure(
+    call: Callable[..., Any], places: Sequence[Any], keywords: Mapping[str, Any], out: Sequence[int]
+) -> Run:
     """The same for any arguments and any number of results."""
 
     def run(slots: list[Any]) -> None:

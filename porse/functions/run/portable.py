@@ -108,7 +108,9 @@ def _power(arguments: tuple[Any, ...]) -> Callable[..., Any] | None:
 
 def _by_sleef(function: sleef.Function, single: bool) -> Callable[..., Any]:
     """Sleef writes over a copy, which is dense, and in which integers are floats as they would be."""
-    calls = {p: getattr(torch.ops.porse, sleef.operator(function, p).partition("::")[2]).default for p in ("f32", "f64")}
+    calls = {
+        p: getattr(torch.ops.porse, sleef.operator(function, p).partition("::")[2]).default for p in ("f32", "f64")
+    }
     if single:
         return lambda x: calls["f32"](torch.mul(x, 1.0))
 
@@ -148,6 +150,24 @@ _BY_SLEEF: dict[str, sleef.Function] = {
     **{"tan": "tan", "log10": "log10"},
 }
 _DENSE_BY_SLEEF = frozenset(
-    ["arctan2", "arctanh", "atan2", "atanh", "cosh", "exp2", "hypot", "logaddexp", "logit", "mish", "sigmoid", "silu", "sinh", "softplus", "special_exp2", "special_expit", "special_logit"]
+    [
+        "arctan2",
+        "arctanh",
+        "atan2",
+        "atanh",
+        "cosh",
+        "exp2",
+        "hypot",
+        "logaddexp",
+        "logit",
+        "mish",
+        "sigmoid",
+        "silu",
+        "sinh",
+        "softplus",
+        "special_exp2",
+        "special_expit",
+        "special_logit",
+    ]
 )
 _FORMS: dict[str, Callable[..., Any]] = {"sqrt": _sqrt, "gelu": _gelu, "cdist": functools.partial(_cdist)}
