@@ -11,8 +11,7 @@ from pathlib import Path
 
 from porse.config import Params
 from porse.errors import SearchError
-from porse.functions.contract import Kind
-from porse.functions.verdict import Verdict
+from porse.functions.verdict import Kind, Verdict
 from porse.generation.answers import answers
 from porse.generation.conversations import Brief, conversation, repair
 from porse.llm.request import Message, Origin, Question, Reply, Request

@@ -97,8 +97,8 @@ def _refuse_recursion(calls: Mapping[str, set[str]], source: Source) -> None:
 def _check_annotation(node: ast.expr | None) -> None:
     """Accepts names of types; no annotation is ever evaluated, and what reads like code is refused so that it is seen."""
     for part in ast.walk(node) if node is not None else ():
-        is_text = isinstance(part, ast.Constant) and isinstance(part.value, str)
-        if not isinstance(part, _ANNOTATION) or (is_text and not re.fullmatch(r"[\w.,| \[\]]*", str(part.value))):
+        text = part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else ""
+        if not isinstance(part, _ANNOTATION) or not re.fullmatch(r"[\w.,| \[\]]*", text):
             line = getattr(part, "lineno", node.lineno if node is not None else 0)
             raise CodeError("static", f"{type(part).__name__} is not allowed in an annotation", line)
 

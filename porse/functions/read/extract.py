@@ -18,12 +18,11 @@ from porse.functions.contract import (
     MAX_SOURCE_LINES,
     MAX_TREE_NODES,
     NAME_PATTERN,
-    Kind,
 )
 from porse.functions.read.scan import Chunk, chunks, parse_source, text_of
 from porse.functions.read.source import all_arguments, defaults
 from porse.functions.read.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import CodeError, Kind
 
 _SUPER = re.compile(r"super\((\w+, self)?\)\.__init__\(\)")
 

@@ -89,7 +89,7 @@ def _serve(
 
 
 def _refusal(found: Mapping[str, Any]) -> Verdict:
-    check = found["check"] if found["check"] in get_args(Check) else "crash"
+    check: Check = found["check"] if found["check"] in get_args(Check) else "crash"
     return Verdict(False, check, str(found["message"])[:4000], int(found["line"]))
 
 

@@ -85,10 +85,9 @@ def parse(text: str) -> Source:
     if not functions:
         raise CodeError("extract", "expected a function, found none")
     *helpers, main = functions.values()
-    for function in functions.values():
-        for node in ast.walk(function):
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                modules.update(import_names(node))
+    for inner in (node for function in functions.values() for node in ast.walk(function)):
+        if isinstance(inner, ast.Import | ast.ImportFrom):
+            modules.update(import_names(inner))
     return Source(main, {helper.name: helper for helper in helpers}, constants, modules)
 
 

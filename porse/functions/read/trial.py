@@ -15,7 +15,7 @@ from porse.functions.run.execute import MappingFunction, RewardFunction, load_ma
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, reads
 from porse.functions.run.shapes import FEW, mixing, shapes_of
-from porse.functions.verdict import CodeError, Verdict
+from porse.functions.verdict import CodeError, Verdict, words
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
 """Sizes of the disturbances that an output must react to, times the spread of each variable, or times 1."""
@@ -23,58 +23,14 @@ _MANY = 2048
 """Environments of the second run: it shows what memory and time grow with."""
 _LARGEST = 1e8
 """Largest value of a result: PPO squares sums of a hundred rewards in float32, which ends at 3e38."""
-_SHAPES_ONLY = frozenset(["zeros_like", "ones_like", "full_like", "new_zeros", "new_ones", "new_full"])
+_SHAPES_ONLY = words("zeros_like ones_like full_like new_zeros new_ones new_full")
 """Operators that take a shape from a tensor, and no number."""
-_STEPS = frozenset(
-    [
-        "all",
-        "any",
-        "argmax",
-        "argmin",
-        "argsort",
-        "ceil",
-        "clamp",
-        "clamp_max",
-        "clamp_min",
-        "clip",
-        "count_nonzero",
-        "eq",
-        "floor",
-        "floor_divide",
-        "ge",
-        "greater",
-        "greater_equal",
-        "gt",
-        "heaviside",
-        "isclose",
-        "le",
-        "less",
-        "less_equal",
-        "logical_and",
-        "logical_not",
-        "logical_or",
-        "logical_xor",
-        "lt",
-        "masked_fill",
-        "max",
-        "maximum",
-        "min",
-        "minimum",
-        "ne",
-        "not_equal",
-        "relu",
-        "relu6",
-        "round",
-        "sgn",
-        "sign",
-        "signbit",
-        "threshold",
-        "trunc",
-        "where",
-        "hardtanh",
-        "hardsigmoid",
-    ]
-)
+_STEPS = words("""
+    all any argmax argmin argsort ceil clamp clamp_max clamp_min clip count_nonzero eq floor floor_divide ge greater
+    greater_equal gt heaviside isclose le less less_equal logical_and logical_not logical_or logical_xor lt
+    masked_fill max maximum min minimum ne not_equal relu relu6 round sgn sign signbit threshold trunc where
+    hardtanh hardsigmoid
+    """)
 """Operators whose results may stay the same over most states, and still tell some from others."""
 
 Loaded = RewardFunction | MappingFunction

@@ -17,38 +17,17 @@ from porse.functions.run.operators import Operator, Watch, base_of, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, Step, at, read_program, reads
 from porse.functions.run.shapes import FEW, Shapes, check_results, check_sizes, shapes_of
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import CodeError, words
 
 Results = TypeVar("Results")
 Run = Callable[[list[Any]], None]
 """One step: reads slots, fills slots."""
 
-_HELD = frozenset(["add", "div", "eq", "ge", "gt", "le", "lt", "mul", "ne", "rsub", "sub"])
+_HELD = words("add div eq ge gt le lt mul ne rsub sub")
 """Operators of two tensors that take a number as the second one: torch makes a tensor of it in every call."""
-_IN_PLACE = frozenset(
-    [
-        "abs",
-        "add",
-        "clamp",
-        "clamp_max",
-        "clamp_min",
-        "cos",
-        "div",
-        "exp",
-        "log",
-        "mul",
-        "neg",
-        "reciprocal",
-        "relu",
-        "rsqrt",
-        "sigmoid",
-        "sin",
-        "sqrt",
-        "square",
-        "sub",
-        "tanh",
-    ]
-)
+_IN_PLACE = words("""
+    abs add clamp clamp_max clamp_min cos div exp log mul neg reciprocal relu rsqrt sigmoid sin sqrt square sub tanh
+    """)
 """Operators that keep shape and type, and that exist in a form that writes over the first argument."""
 
 
@@ -164,7 +143,7 @@ def _prepared(
     small = [shapes_of(program, given, count) for count in FEW]
     for shapes, count in zip(small, FEW, strict=True):
         check_results(program, shapes, count)
-    check_sizes(*small, num_envs)
+    check_sizes(small[0], small[1], num_envs)
     shapes = small[0]
     single = shapes.is_single
     if is_portable and single:

@@ -19,6 +19,7 @@ from torch import Tensor
 from porse.functions.run import sleef
 from porse.functions.run.operators import base_of, operator
 from porse.functions.run.program import Program, Register, Step, reads, replaced
+from porse.functions.verdict import words
 
 _EXACT_POWERS = (-2, -1, -0.5, 0, 1, 2, 3)
 """Exponents for which torch multiplies, divides and takes roots."""
@@ -149,25 +150,8 @@ _BY_SLEEF: dict[str, sleef.Function] = {
     **{"acos": "acos", "arccos": "acos", "asin": "asin", "arcsin": "asin", "atan": "atan", "arctan": "atan"},
     **{"tan": "tan", "log10": "log10"},
 }
-_DENSE_BY_SLEEF = frozenset(
-    [
-        "arctan2",
-        "arctanh",
-        "atan2",
-        "atanh",
-        "cosh",
-        "exp2",
-        "hypot",
-        "logaddexp",
-        "logit",
-        "mish",
-        "sigmoid",
-        "silu",
-        "sinh",
-        "softplus",
-        "special_exp2",
-        "special_expit",
-        "special_logit",
-    ]
-)
+_DENSE_BY_SLEEF = words("""
+    arctan2 arctanh atan2 atanh cosh exp2 hypot logaddexp logit mish sigmoid silu sinh softplus special_exp2
+    special_expit special_logit
+    """)
 _FORMS: dict[str, Callable[..., Any]] = {"sqrt": _sqrt, "gelu": _gelu, "cdist": functools.partial(_cdist)}

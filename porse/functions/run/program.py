@@ -13,7 +13,7 @@ from typing import Any, Literal, NoReturn
 
 import torch
 
-from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, CodeError, Kind, plain_name
+from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, CodeError, Kind, plain_name, words
 from porse.identity import canonical_json, content_id
 
 MAX_TEXT = 1_000_000
@@ -27,7 +27,10 @@ MAX_DEPTH = 6
 TYPES = {name: getattr(torch, name) for name in ("float32", "float64", "float16", "int64", "int32", "uint8", "bool")}
 _NAMES_OF_TYPES = {dtype: name for name, dtype in TYPES.items()}
 _SPECIAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-_KEYWORDS = frozenset(["alpha", "approximate", "correction", "descending", "dtype", "keepdim", "largest", "memory_format", "output_dtype", "reduction", "rounding_mode", "sorted", "stable", "unbiased", "value", "beta", "step", "ord", "dim", "indexing"])  # fmt: skip
+_KEYWORDS = words("""
+    alpha approximate correction descending dtype keepdim largest memory_format output_dtype reduction rounding_mode
+    sorted stable unbiased value beta step ord dim indexing
+    """)
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,9 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
         CodeError: it fails, changes a variable or a constant, divides whole numbers by what may be 0 or -1, takes sizes
             from data, or makes too much; checks "run", "inplace", "static" and "memory".
     """
-    values = [v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in map(given.__getitem__, program.variables)]
+    values = [
+        v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in map(given.__getitem__, program.variables)
+    ]
     device = values[0].device if values else torch.device("cpu")
     values += [torch.tensor(c.values, dtype=c.dtype, device=device) for c in program.constants]
     shared = [frozenset([index]) for index in range(len(values))]
@@ -103,7 +105,9 @@ def check_results(program: Program, shapes: Shapes, num_envs: int) -> None:
         value = shapes.values[index]
         if value.shape != (num_envs,) or value.dtype is not torch.float32:
             found = f"{value.dtype} of {tuple(value.shape)}"
-            raise CodeError("shape", f"expected floats of shape ({num_envs},), found {found}; validate the function again")
+            raise CodeError(
+                "shape", f"expected floats of shape ({num_envs},), found {found}; validate the function again"
+            )
 
 
 def mixing(program: Program, few: Shapes, many: Shapes) -> int | None:
@@ -169,7 +173,9 @@ def _check_small(step: Step, arguments: Sequence[Any]) -> None:
     if any(isinstance(v, list) for v in arguments) or not tensors:
         size = max(size, 1) * math.prod(max(n, 1) for n in wholes)
     if size > MAX_SMALL:
-        raise CodeError("memory", f"the function needs more memory than it may use, in {step.operator.partition('.')[0]}")
+        raise CodeError(
+            "memory", f"the function needs more memory than it may use, in {step.operator.partition('.')[0]}"
+        )
 
 
 def _flat(values: Any) -> list[Any]:
