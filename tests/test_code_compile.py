@@ -1,4 +1,4 @@
-"""Compiled functions: numbers that can be checked with a pencil, TorchScript's oddities, and errors with lines."""
+"""Compiled functions: numbers that can be checked with a pencil, what may be changed in place, and errors with lines."""
 
 import math
 import warnings

@@ -1,4 +1,4 @@
-"""What Python lets one write and TorchScript does not, types that change above all: it means here what it means there."""
+"""Loosely typed Python, as models write it: it means here what it means there."""
 
 import math
 import textwrap
