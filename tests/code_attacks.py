@@ -233,12 +233,8 @@ TRACER_ATTACKS: dict[str, str] = {
     "environments_one_by_one": _body("x = torch.stack([a[i, 0] for i in range(a.shape[0])])"),
     "a_count_of_calls": "CALLS = [0]\n" + _body("CALLS.append(1)", "x = x * len(CALLS)"),
     "a_tensor_of_calls": "CALLS = torch.zeros(1)\n" + _body("CALLS.add_(1.0)", "x = x * CALLS"),
-    "a_default_of_calls": _body(
-        "def h(y, calls=[0, 0]):\n    calls.append(1)\n    return y * len(calls)", "x = h(x)"
-    ).replace(
-        "def compute_reward(a, b)",
-        "def h(y, calls=[0, 0]):\n    calls.append(1)\n    return y * len(calls)\ndef compute_reward(a, b)",
-    ),
+    "a_default_of_calls": "def h(y, calls=[0, 0]):\n    calls.append(1)\n    return y * len(calls)\n"
+    + _body("x = h(x)"),
     "a_branch_on_chance": _body("x = x * (2.0 if id(x) % 32 else 1.0)"),
     "a_branch_on_the_time": _body("import time", "x = x * time.time()"),
     "a_branch_on_many": _body("if a.shape[0] > 4000:\n    x = x * 0.0"),

@@ -132,7 +132,7 @@ def test_other_floats_stay_what_they_are(dtype):
     source = reward(
         f"y = a[:, 0].to(torch.{dtype}) * 1.0",
         "f = torch.acos(y)",
-        "y[y > 0.5] = f[y > 0.5]",
+        "y.copy_(torch.where(y > 0.5, f, y))",
         "x = y.float() + f.float()",
     )
     states = {"a": torch.linspace(-1, 1, 30).reshape(10, 3), "b": torch.zeros(10, 3)}

@@ -43,8 +43,6 @@ MAX_INTEGER = 10_000_000
 """Largest integer literal."""
 MAX_LOOP = 1_000
 """Largest count of a `range`, or of a repeated list, that is written as a number."""
-MAX_ROUNDS = 100_000
-"""Most rounds of nested loops."""
 MAX_ELEMENTS = 10_000_000
 """Most numbers of a tensor whose size is written in the code."""
 

@@ -25,7 +25,6 @@ Check = Literal[
     "static",
     "variable",
     "device",
-    "compile",
     "type",
     "return",
     "inplace",

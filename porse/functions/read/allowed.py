@@ -73,11 +73,6 @@ def check_range(call: ast.Call) -> None:
             raise CodeError("static", f"a loop of more than {MAX_LOOP} rounds is not allowed", call.lineno)
 
 
-def is_text(node: ast.expr) -> bool:
-    """Whether an expression is a text that is written out."""
-    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
-
-
 def nearest(name: str, known: Iterable[str]) -> str:
     """Returns the known names that look like `name`, nearest first, "" for none."""
     return ", ".join(difflib.get_close_matches(name, sorted(known), n=4, cutoff=0.5))

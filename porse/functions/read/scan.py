@@ -5,7 +5,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
 from porse.functions.verdict import CodeError
@@ -133,23 +132,7 @@ def parse_source(source: str) -> ast.Module:
     if hidden:
         line = source[: source.index(hidden)].count("\n") + 1
         raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
-    tree = _parse(source, "exec", 1)
-    assert isinstance(tree, ast.Module)
-    return tree
-
-
-def parse_expression(text: str, where: ast.expr) -> ast.expr:
-    """Returns the tree of one expression that stands as text in `where`, every node at the line of `where`.
-
-    Raises:
-        CodeError: it is no expression; check "syntax".
-    """
-    tree = _parse(text, "eval", where.lineno)
-    assert isinstance(tree, ast.Expression)
-    for part in ast.walk(tree):
-        if isinstance(part, ast.expr):
-            ast.copy_location(part, where)
-    return tree.body
+    return _parse(source)
 
 
 def text_of(tree: ast.AST) -> str:
@@ -160,21 +143,21 @@ def text_of(tree: ast.AST) -> str:
         return ""
 
 
-def _parse(text: str, mode: Literal["exec", "eval"], line: int) -> ast.AST:
+def _parse(text: str) -> ast.Module:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree: ast.AST = ast.parse(text, mode=mode)
+            tree = ast.parse(text)
     except SyntaxError as error:
         message = f"{error.msg}: {(error.text or '').strip()[:200]}"
-        raise CodeError("syntax", message, (error.lineno or 1) + line - 1) from None
+        raise CodeError("syntax", message, error.lineno or 1) from None
     except (ValueError, RecursionError, MemoryError):
-        raise CodeError("syntax", "it is too deeply nested, or holds a null character", line) from None
-    _bound(tree, line)
+        raise CodeError("syntax", "it is too deeply nested, or holds a null character", 1) from None
+    _bound(tree)
     return tree
 
 
-def _bound(tree: ast.AST, line: int) -> None:
+def _bound(tree: ast.AST) -> None:
     """Refuses a tree that is too large or too deep, without recursion."""
     count = 0
     level: list[tuple[ast.AST, int]] = [(tree, 0)]
@@ -182,5 +165,5 @@ def _bound(tree: ast.AST, line: int) -> None:
         node, depth = level.pop()
         count += 1
         if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
-            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", line))
+            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
         level.extend((child, depth + 1) for child in ast.iter_child_nodes(node))

@@ -37,7 +37,7 @@ def with_norms(program: Program) -> Program:
     moved: dict[int, int] = {}
     old = new = program.first_made
     for step in program.steps:
-        squared = _squared(program, steps[-2:], moved, uses, old) if base_of(step.operator) == "sqrt" else None
+        squared = _squared(program, steps[-2:], moved, uses, old) if _is_root(step) else None
         if squared is not None:
             steps[-2:] = [
                 Step("to.dtype", (squared, torch.float32), ()),
@@ -52,6 +52,11 @@ def with_norms(program: Program) -> Program:
             new += step.makes
         old += step.makes
     return dataclasses.replace(program, steps=tuple(steps), results=tuple(moved.get(r, r) for r in program.results))
+
+
+def _is_root(step: Step) -> bool:
+    is_power = step.operator == "pow.Tensor_Scalar" and step.arguments[1] == 0.5
+    return step.operator == "sqrt.default" or is_power
 
 
 def _moved(keywords: tuple[tuple[str, Any], ...], moved: dict[int, int]) -> tuple[tuple[str, Any], ...]:
