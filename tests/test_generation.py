@@ -17,7 +17,7 @@ from porse.pool import Pool
 from porse.tasks import find_task
 
 BAD = Verdict(False, "syntax", "expected a colon", 3, (), ())
-GOOD = Verdict(True, "ok", "", 0, (), ())
+GOOD = Verdict(True, "ok", "", 0, program="program")
 
 
 @pytest.mark.parametrize(

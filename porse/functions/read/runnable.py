@@ -186,11 +186,6 @@ def _found(path: str) -> Any:
     return getattr(_SPACES.get(module), name, None)
 
 
-def _cross(a: torch.Tensor, b: torch.Tensor, dim: int = -1) -> torch.Tensor:
-    """As torch's, along the last dimension: torch would take the first of size 3, the wrong one for three environments."""
-    return torch.cross(a, b, dim=dim)
-
-
 def _names(owner: Any, names: frozenset[str]) -> dict[str, Any]:
     return {name: getattr(owner, name) for name in sorted(names) if hasattr(owner, name)}
 
@@ -200,7 +195,7 @@ _FUNCTIONAL = SimpleNamespace(**_names(torch.nn.functional, TORCH_MODULES["nn.fu
 _NN = SimpleNamespace(functional=_FUNCTIONAL)
 _TORCH = SimpleNamespace(
     **_names(torch, TORCH_FUNCTIONS | TORCH_CONSTANTS)
-    | {"cross": _cross, "no_grad": contextlib.nullcontext, "inference_mode": contextlib.nullcontext, "nn": _NN}
+    | {"no_grad": contextlib.nullcontext, "inference_mode": contextlib.nullcontext, "nn": _NN}
     | {"linalg": SimpleNamespace(**_names(torch.linalg, TORCH_MODULES["linalg"]))}
     | {"special": SimpleNamespace(**_names(torch.special, TORCH_MODULES["special"]))}
 )
