@@ -27,6 +27,12 @@ NOT_FINITE = """def compute_reward(root_positions: torch.Tensor, progress_buf: t
     return late, {"late": late}
 """
 
+INFINITE_COMPONENT = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
+    height = root_positions[:, 2]
+    late = torch.where(progress_buf > 12, torch.log(torch.zeros_like(height)), height)
+    return height, {"late": late, "height": height}
+"""
+
 RAISES = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
     column = 5 * (progress_buf > 12).long()
     height = torch.gather(root_positions, 1, column.unsqueeze(-1)).squeeze(-1)

@@ -21,7 +21,7 @@ from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
 from porse.training.vecenv import TaskEnv
-from samples import MAPPING, NOT_FINITE, RAISES, REWARD, program
+from samples import INFINITE_COMPONENT, MAPPING, NOT_FINITE, RAISES, REWARD, program
 
 ENVS = "32"
 
@@ -103,6 +103,19 @@ def test_a_reward_that_raises_on_a_late_state_ends_the_training_with_a_reason(sm
     assert outcome.failure.startswith("its function raised in training:")
     assert "out of bounds" in outcome.failure
     assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_component_that_is_not_finite_ends_the_training_by_its_name(small, small_start, tmp_path):
+    """It would reach the next prompt, though the total is sound."""
+    outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", INFINITE_COMPONENT), small, lambda *_: None)
+    assert outcome.failure.startswith("its series component/late held NaN or infinity in an epoch")
+    assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_list_that_is_none_is_the_candidates_failure(small, small_start, tmp_path):
+    broken = dataclasses.replace(job(small_start, tmp_path / "x.safetensors"), reward_program="{}")
+    outcome = train_candidate(broken, small, lambda *_: None)
+    assert outcome.failure.startswith("expected an operator list")
 
 
 def candidate_row(name, reward, slot):
