@@ -7,11 +7,9 @@ from pathlib import Path
 
 import click
 
-from porse.code.contract import Kind
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.validate import Submission, judge
-from porse.code.verdict import Verdict
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.verdict import Kind, Verdict
 
 
 @click.command("check-code")
@@ -24,17 +22,16 @@ def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], a
     files: list[tuple[str, Kind]] = [*((name, "reward") for name in rewards), *((name, "mapping") for name in mappings)]
     if not files:
         raise click.UsageError("expected --reward FILE or --mapping FILE, found neither; name at least one file")
-    submissions = [Submission(_read(name), kind) for name, kind in files]
-    verdicts = _verdicts(task, submissions)
+    verdicts = _verdicts(task, [(_read(name), kind) for name, kind in files])
     for (name, kind), verdict in zip(files, verdicts, strict=True):
         click.echo(json.dumps({"file": name, "kind": kind, **asdict(verdict)}) if as_json else _line(name, verdict))
     sys.exit(0 if all(verdict.passed for verdict in verdicts) else 1)
 
 
-def _verdicts(task: str, submissions: list[Submission]) -> list[Verdict]:
+def _verdicts(task: str, replies: list[tuple[str, Kind]]) -> list[Verdict]:
     with Sandbox(Limits(), "porse.task_probe") as sandbox:
-        variables = sandbox.prepare({"task": task, "root": str(Path.cwd())})
-        return [judge(submission, variables, sandbox)[0] for submission in submissions]
+        sandbox.prepare({"task": task, "root": str(Path.cwd())})
+        return [sandbox.judge(reply, kind)[0] for reply, kind in replies]
 
 
 def _read(name: str) -> str:
@@ -53,4 +50,5 @@ def _line(name: str, verdict: Verdict) -> str:
         place = f"{name}:{verdict.line}" if verdict.line else name
         return f"{place}: refused ({verdict.check}): {verdict.message}"
     flags = [f"{n} {'rises' if r else 'falls'}" for n, r in zip(verdict.names, verdict.rises, strict=False)]
-    return f"{name}: accepted: {', '.join(flags or verdict.names)}"
+    warning = f"; warning: {verdict.warning}" if verdict.warning else ""
+    return f"{name}: accepted: {', '.join(flags or verdict.names)}{warning}"

@@ -9,8 +9,8 @@ PorseError
     RepliesPending    batch mode, and some requests wait for an answer
     AnswersError      a file of answers cannot be imported
     ProviderError     a model endpoint refused, failed or answered with something unusable
-    CodeError         a generated function cannot be compiled or run (porse.code.verdict)
-    ProbeError        the confined process that tries functions cannot work (porse.code.sandbox)
+    CodeError         a generated function cannot be compiled or run (porse.functions.verdict)
+    ProbeError        the confined process that tries functions cannot work (porse.functions.read.sandbox)
     SearchError       the search cannot go on: no valid candidate is left, say
     CheckpointError   a checkpoint is missing, damaged or of another run
 

@@ -117,6 +117,7 @@ VERDICTS = Table(
         Column("check", _TEXT, "the check that decided, ok when all passed"),
         Column("line", _INT, "line of the reply that it is about, from 1; 0: none"),
         Column("message", _TEXT, "the reason, for people and for the repair prompt; empty when it passed"),
+        Column("warning", _TEXT, "what a person should know of a function that passed, else empty"),
     ),
 )
 
@@ -134,6 +135,8 @@ CANDIDATES = Table(
         Column("mapping_key", _TEXT, "key of the reply with the mapping; empty where none is generated"),
         Column("reward_source", _TEXT, "the goal reward, as checked; empty where none is generated"),
         Column("mapping_source", _TEXT, "the mapping, as checked; empty where none is generated"),
+        Column("reward_program", _TEXT, "the goal reward as an operator list, JSON: what is trained with"),
+        Column("mapping_program", _TEXT, "the mapping as an operator list, JSON: what is trained with"),
         Column("beta", _REAL, "weight of the exploration bonus, 1", "finite"),
         Column("alpha", _REAL, "share of the previous winner in the first policy, 1", "finite"),
         Column("policy", _TEXT, "stem of the file in policies/ that training goes on from", "id"),

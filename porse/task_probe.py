@@ -7,15 +7,15 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from porse.code.probe import serve
+from porse.functions.read.probe import serve
 from porse.generation.states import probe_states
 from porse.tasks import find_task
 from porse.variables import Variable
 
 PROBE_ENVS = 16
-"""Environments whose states right after a reset, and after some random actions, a function is tried on."""
+"""Environments whose states a function is tried on."""
 PROBE_STEPS = 16
-"""Control steps of random actions before the second half of those states."""
+"""Control steps of random actions before most of those states."""
 
 
 def _load_task(request: dict[str, Any]) -> tuple[Sequence[Variable], Mapping[str, Any]]:

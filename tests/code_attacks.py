@@ -189,3 +189,61 @@ HARMLESS_LOOKALIKES: dict[str, str] = {
     "comment_with_code": _body('# open("CANARY", "w")'),
 }
 """Text that is never run: accepted, and nothing of it takes effect."""
+
+TRACER_ATTACKS: dict[str, str] = {
+    # Objects that answer for themselves.
+    "class_with_getattr": _body("class R:\n    def __getattr__(self, name):\n        return open", "y = R().x"),
+    "class_with_format": _body(
+        "class R:\n    def __format__(self, how):\n        return open('CANARY').read()", "y = f'{R()}'"
+    ),
+    "class_that_is_a_tensor": _body("class R(torch.Tensor):\n    pass", "x = R(x)"),
+    "class_made_by_type": _body("R = type('R', (), {'x': 1})", "x = x * R().x"),
+    "torch_function": _body("y = x.__torch_function__"),
+    "torch_dispatch": _body("def __torch_dispatch__(f, t, a, k):\n    return a", "x = x + 1"),
+    "descriptor": _body("class D:\n    def __get__(self, o, t):\n        return open", "y = D()"),
+    "property": _body("y = property(lambda self: open)"),
+    "mode_of_torch": _body("with torch.utils._python_dispatch._disable_current_modes():\n    x = x + 1"),
+    "no_dispatch": _body("y = torch._C._DisableTorchDispatch()"),
+    # Generators, frames, exceptions.
+    "generator_frame": _body("g = (i for i in range(3))", "y = g.gi_frame.f_back.f_builtins"),
+    "generator_function": _body("def g():\n    yield open", "y = [f for f in g()]"),
+    "coroutine": _body("async def g():\n    return open", "y = g().cr_frame"),
+    "exception_with_its_own_text": _body(
+        "class E(ValueError):\n    def __str__(self):\n        return open('CANARY').read()", "raise E('x')"
+    ),
+    "exception_that_is_caught": _body("try:\n    y = float(x[0])\nexcept Exception as e:\n    y = e.__traceback__"),
+    "exception_of_a_group": _body("try:\n    pass\nexcept* ValueError:\n    pass"),
+    "raise_what_is_no_error": _body("raise KeyboardInterrupt('x')"),
+    "function_globals": _body("def h():\n    pass", "y = h.__globals__"),
+    "function_code": _body("def h():\n    pass", "h.__code__ = compute_reward.__code__"),
+    "endless_recursion": _body("def h(n):\n    return h(n + 1)", "x = x + h(0)"),
+    "recursion_through_a_list": _body("f = []", "f.append(lambda n: f[0](n + 1))", "x = x + f[0](0)"),
+    # Torch changed for whoever comes after.
+    "patch_torch": _body("torch.exp = torch.sin", "x = torch.exp(x)"),
+    "patch_by_setattr": _body("setattr(torch, 'exp', torch.sin)", "x = torch.exp(x)"),
+    "patch_tensor": _body("torch.Tensor.add = torch.Tensor.sub"),
+    "patch_the_namespace": _body("y = getattr(self, 'exp')"),
+    "default_type": _body("torch.set_default_dtype(torch.float64)"),
+    "library_of_operators": _body("y = torch.library.Library('aten', 'IMPL')"),
+    # Lists without a bound, and lists that differ.
+    "graph_without_end": _body("for i in range(900):\n    for j in range(900):\n        x = x + 1.0"),
+    "graph_of_ranges": _body("x = sum([x * i for i in range(900) for j in range(9)])"),
+    "graph_of_a_string": _body("x = x + len('a' * 10000000000)"),
+    "constant_without_end": _body("x = x + torch.tensor([[0.5] * 900] * 900).sum()"),
+    "environments_one_by_one": _body("x = torch.stack([a[i, 0] for i in range(a.shape[0])])"),
+    "a_count_of_calls": "CALLS = [0]\n" + _body("CALLS.append(1)", "x = x * len(CALLS)"),
+    "a_tensor_of_calls": "CALLS = torch.zeros(1)\n" + _body("CALLS.add_(1.0)", "x = x * CALLS"),
+    "a_default_of_calls": "def h(y, calls=[0, 0]):\n    calls.append(1)\n    return y * len(calls)\n"
+    + _body("x = h(x)"),
+    "a_branch_on_chance": _body("x = x * (2.0 if id(x) % 32 else 1.0)"),
+    "a_branch_on_the_time": _body("import time", "x = x * time.time()"),
+    "a_branch_on_many": _body("if a.shape[0] > 4000:\n    x = x * 0.0"),
+    # Numbers taken out of tensors, and what traps.
+    "item": _body("x = x * a.mean().item()"),
+    "truth": _body("if (x > 0).all():\n    x = x * 2"),
+    "text_of_a_tensor": _body("x = x * len(f'{a}')"),
+    "rows_by_a_mask": _body("y = a[a[:, 0] > 0]", "x = x + (y[:, :1] * y[:, 0]).sum()"),
+    "whole_numbers_that_trap": _body("i = (x * 0).long() - 2**30", "x = x + i // ((x * 0).long() - 1)"),
+    "whole_numbers_by_zero": _body("x = x + (x * 9).long() % (x * 0).long()"),
+}
+"""Attacks on the trace: on Python in the confined process, on what is written down, and on what it does when it is run."""

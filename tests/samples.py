@@ -1,5 +1,12 @@
 """Functions as a model would write them, for tests."""
 
+import functools
+
+import torch
+
+from code_cases import traced
+from porse.tasks import make_task
+
 REWARD = """def compute_reward(root_positions: torch.Tensor, target_root_positions: torch.Tensor, root_quats: torch.Tensor):
     temperature: float = 1.5
     distance = torch.sqrt(((target_root_positions - root_positions) ** 2).sum(dim=-1))
@@ -20,11 +27,23 @@ NOT_FINITE = """def compute_reward(root_positions: torch.Tensor, progress_buf: t
     return late, {"late": late}
 """
 
-RAISES = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor, num_envs: int):
-    late = progress_buf > 12
-    chosen = root_positions[late]
-    if chosen.shape[0] > 0:
-        chosen = chosen.reshape(num_envs, 5)
+INFINITE_COMPONENT = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
     height = root_positions[:, 2]
-    return height, {"height": height + 0.0 * chosen.sum()}
+    late = torch.where(progress_buf > 12, torch.log(torch.zeros_like(height)), height)
+    return height, {"late": late, "height": height}
 """
+
+RAISES = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
+    column = 5 * (progress_buf > 12).long()
+    height = torch.gather(root_positions, 1, column.unsqueeze(-1)).squeeze(-1)
+    return height, {"height": height}
+"""
+
+
+@functools.cache
+def program(source: str) -> str:
+    """Returns the operator list of a source, traced on states of Quadcopter right after its first step."""
+    task = make_task("Quadcopter", 4, 0)
+    task.step(torch.zeros(4, task.NUM_ACTIONS))
+    kind = "mapping" if "def mapping_function" in source else "reward"
+    return traced(source, kind, task.VARIABLES, task.variables()).text

@@ -14,7 +14,7 @@ from porse.errors import CheckpointError
 from porse.training.candidate import train_candidate
 from porse.training.job import Job
 from porse.training.start import random_policy
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 
 GOOD = {"version": 1, "kind": "checkpoint", "epoch": 3, "learning_rate": 0.001}
 ARRAYS = {"actor.w": np.ones(2, np.float32)}
@@ -105,7 +105,7 @@ def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
 def trained(small, tmp_path: Path) -> Job:
     start = tmp_path / "start.safetensors"
     write_checkpoint(start, random_policy(small, 1))
-    one = Job("one", REWARD, MAPPING, 1.0, start, tmp_path / "finish.safetensors", 1, 7)
+    one = Job("one", program(REWARD), program(MAPPING), 1.0, start, tmp_path / "finish.safetensors", 1, 7)
     assert train_candidate(one, small, lambda *_: None).failure == ""
     return one
 
@@ -118,7 +118,16 @@ def test_a_training_refuses_a_checkpoint_whose_state_is_of_something_else(small,
             continue
         left = {key: array for key, array in whole.arrays.items() if key != name}
         write_checkpoint(tmp_path / "less.safetensors", Checkpoint(left, whole.scalars))
-        again = Job("one", REWARD, MAPPING, 1.0, tmp_path / "less.safetensors", tmp_path / "x.safetensors", 2, 7)
+        again = Job(
+            "one",
+            program(REWARD),
+            program(MAPPING),
+            1.0,
+            tmp_path / "less.safetensors",
+            tmp_path / "x.safetensors",
+            2,
+            7,
+        )
         with pytest.raises(CheckpointError, match="expected the state of a training"):
             train_candidate(again, small, lambda *_: None)
 

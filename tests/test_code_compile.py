@@ -1,4 +1,4 @@
-"""Compiled functions: numbers that can be checked with a pencil, TorchScript's oddities, and errors with lines."""
+"""Compiled functions: numbers that can be checked with a pencil, what may be changed in place, and errors with lines."""
 
 import math
 import warnings
@@ -6,15 +6,8 @@ import warnings
 import pytest
 import torch
 
-from code_cases import VARIABLES, reward, values
-from porse.code.check import check_program
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.emit import emit
-from porse.code.graph import has_fixed_shapes
-from porse.code.names import plain_name
-from porse.code.program import parse_program
-from porse.code.script import script
-from porse.code.verdict import CodeError
+from code_cases import VARIABLES, compile_mapping, compile_reward, reward, values
+from porse.functions.verdict import CodeError, plain_name
 
 BOTH = pytest.mark.parametrize("portable", [False, True])
 
@@ -37,13 +30,16 @@ def test_a_reward_is_total_and_components_by_name(portable):
 
 
 def test_arguments_are_task_variables_in_the_order_of_the_function():
-    assert compile_reward(reward("x = b[:, 0] + a[:, 0]", arguments="b, a"), VARIABLES, False).arguments == ("b", "a")
+    assert compile_reward(reward("x = b[:, 0] + a[:, 0]", arguments="b, a"), VARIABLES, False).program.variables == (
+        "b",
+        "a",
+    )
 
 
 def test_a_method_takes_what_it_reads():
     source = "def mapping_function(self):\n    return [self.dist(self.b, self.a)], [False], ['d']\n"
     function = compile_mapping(source, VARIABLES, False)
-    assert function.arguments == ("a", "b")
+    assert sorted(function.program.variables) == ["a", "b"]
     assert (function.names, function.rises) == (("d",), (False,))
 
 
@@ -81,9 +77,8 @@ def test_rotation_distance_is_the_angle_between_the_rotations(portable):
         ("8 / 4 / 2", 1),
         ("1 if num_envs > 3 else 2", 1),
         ("1.0 if 0 < num_envs < 3 else 2.0", 2),
-        ("1.0 if 10 > num_envs > 3 > 2 else 2.0", 1),
-        ("1.0 if not num_envs == 4 or num_envs == 5 else 2.0", 2),
-        ("float(num_envs % 3)", 1),
+        ("1.0 / num_envs", 0.25),
+        ("num_envs * 2 - 3", 5),
         ("[1.0, 2.0, 3.0][-1]", 3),
         ("{'k': 4.0}['k']", 4),
         ("float(len([a, b]))", 2),
@@ -112,21 +107,6 @@ def test_cross_takes_the_last_dimension_even_for_three_environments():
     states = {"a": torch.eye(3), "b": torch.eye(3).roll(1, 0)}
     total = run(reward("x = torch.cross(a, b).sum(dim=-1)"), rows=3, **states)
     assert torch.equal(total, torch.linalg.cross(states["a"], states["b"], dim=-1).sum(-1))
-
-
-@pytest.mark.parametrize(
-    ("source", "device"),
-    [
-        (reward("x = a[:, 0] + torch.zeros(a.shape[0])"), "a.device"),
-        (reward("x = a[:, 0] + torch.zeros(3, device=device)", arguments="a, device"), "device"),
-        ("def compute_reward(self):\n    return self.q[:, 0] * torch.tensor(2.0), {}\n", "porse_q.device"),
-        ("def h(y, n: int):\n    return y + torch.ones(n)\n" + reward("x = h(a[:, 0], 3)"), "y.device"),
-    ],
-)
-def test_new_tensors_are_made_on_the_device_of_the_inputs(source, device):
-    table = {variable.name: variable for variable in VARIABLES}
-    program = parse_program(source)
-    assert f"device={device})" in emit(program, check_program(program, table), table, {}).text
 
 
 def test_integer_defaults_become_what_they_are_annotated_as():
@@ -160,13 +140,6 @@ def test_calls_give_the_same_bits_however_often_they_are_made(portable, rows):
     assert torch.equal(fresh, results[0])
 
 
-def test_the_optimiser_is_off_even_if_somebody_switches_it_on():
-    function = compile_reward(reward("x = a[:, 0] + b[:, 0]"), VARIABLES, False)
-    torch._C._set_graph_executor_optimize(True)
-    function(values())
-    assert not torch._C._get_graph_executor_optimize()
-
-
 def test_compilation_and_calls_give_no_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -178,11 +151,11 @@ def test_compilation_and_calls_give_no_warnings():
     [
         ("x = a[:, 0]\n\ny = x + 'z'", "type", 4, "str"),
         ("x = torch.clamp(a[:, 0], 0, 1, 2)", "type", 2, "clamp"),
-        ("x = a[:, 0] + z\nz = 1.0", "compile", 2, "z"),
-        ("x = a[:, 0]\nfor i in range(2):\n    x.append(i)", "compile", 4, "append"),
+        ("x = a[:, 0] + z\nz = 1.0", "run", 2, "z"),
+        ("x = a[:, 0]\nfor i in range(2):\n    x.append(i)", "type", 4, "append"),
     ],
 )
-def test_what_torchscript_refuses_has_the_line_of_the_source(body, check, line, says):
+def test_what_python_refuses_has_the_line_of_the_source(body, check, line, says):
     with pytest.raises(CodeError, match=says) as error:
         compile_reward(reward(body), VARIABLES, False)
     assert (error.value.check, error.value.line) == (check, line)
@@ -191,15 +164,14 @@ def test_what_torchscript_refuses_has_the_line_of_the_source(body, check, line, 
 
 
 def test_what_fails_in_a_run_has_the_line_of_the_source():
-    function = compile_reward(reward("x = a[:, 0]", "", "x = x + torch.zeros(9)"), VARIABLES, False)
     with pytest.raises(CodeError, match="must match the size") as error:
-        function(values(4))
+        compile_reward(reward("x = a[:, 0]", "", "x = x + torch.zeros(9)"), VARIABLES, False)
     assert (error.value.check, error.value.line) == ("run", 4)
 
 
 def test_what_fails_in_a_helper_has_the_line_of_the_helper():
     source = "def h(y):\n    return y[:, 7]\n" + reward("x = h(a)")
-    with pytest.raises(CodeError, match="out of range") as error:
+    with pytest.raises(CodeError, match="out of bounds") as error:
         compile_reward(source, VARIABLES, False)(values(4))
     assert error.value.line == 2
 
@@ -216,7 +188,6 @@ def test_what_fails_in_a_helper_has_the_line_of_the_helper():
         "ys = [a, b * 1]\nfor y in ys:\n    y[0] = 0.0\nx = a[:, 0]",
         "y = a.to(torch.float32)\ny[0] = 0.0\nx = y[:, 0]",
         "if scale > 0:\n    y = a\nelse:\n    y = a * 1\ny[0] = 0.0\nx = y[:, 0]",
-        "y = a\nfor i in range(num_envs - 4):\n    y = y + 1\ny[0] = 0.0\nx = y[:, 0]",
         "y = a.contiguous()\ny.clamp_(0.0, 1.0)\nx = y[:, 0]",
         "a[:] = 0.0\nx = a[:, 0]",
         "ys = [b * 1]\nys += [a]\nys[1][0] = 0.0\nx = b[:, 0]",
@@ -252,92 +223,30 @@ def test_changing_tensors_of_its_own_is_accepted(body):
     assert all(torch.equal(before[name], states[name]) for name in before)
 
 
-@pytest.mark.parametrize(
-    ("body", "slices", "expected"),
-    [
-        ("x = a[:, 1]", 0, [1.0, 4.0]),
-        ("x = a[0:, 1]", 0, [1.0, 4.0]),
-        ("x = a[:, 1:3].sum(-1)", 1, [3.0, 9.0]),
-        ("x = a[::2, 1].expand(2)", 1, [1.0, 1.0]),
-        ("x = a[1:, 1].expand(2)", 1, [4.0, 4.0]),
-        ("y = a.clone()\nz = y[:]\nz += 1.0\nx = y[:, 0]", 0, [1.0, 4.0]),
-        ("y = a[:, 0].clone()\ny[:] = 7.0\nx = y", 0, [7.0, 7.0]),
-    ],
-)
-def test_a_slice_of_everything_is_no_operator(body, slices, expected):
-    function = compile_reward(reward(body, arguments="a"), VARIABLES, False)
-    total, _ = function({"a": torch.arange(6.0).reshape(2, 3)})
-    assert total.tolist() == expected
-    assert sum(node.kind() == "aten::slice" for node in function._script.graph.nodes()) == slices
-
-
 def test_a_colon_too_many_is_an_error():
     with pytest.raises(CodeError, match=r"[Dd]imension"):
         compile_reward(reward("x = a[:, :, :][:, 0, 0]"), VARIABLES, False)(values(2))
 
 
-@pytest.mark.parametrize(
-    ("body", "fixed"),
-    [
-        ("x = a[:, 0] if a.shape[0] > 3 else b[:, 0]", True),
-        ("x = torch.zeros_like(a[:, 0])\nfor v in [a[:, 0], b[:, 1]]:\n    x = x + v", True),
-        ("x = torch.topk(a, 2)[0][:, 0] * len(a)", True),
-        ("x = a[:, 0] if bool(a.mean() > 0) else b[:, 0]", False),
-        ("x = a[:, 0] * a.mean().item()", False),
-        ("x = a[:, 0] if [a] == [b] else b[:, 0]", False),
-        ("x = a[:, 0][a[:, 0] > 0]", False),
-        ("x = a[:, [0, 1]].sum(-1)", True),
-        ("i = torch.tensor([True, False, True])\nx = a[:, i].sum(-1)", False),
-        ("x = a[:, b[0] > 0].sum(-1)", False),
-        ("x = torch.where(a[:, 0] > 0)[0]", False),
-    ],
-)
-def test_shapes_are_fixed_where_no_number_of_a_tensor_decides(body, fixed):
-    graph = script(reward(body), {variable.name: variable for variable in VARIABLES}).graph
-    assert has_fixed_shapes(graph) is fixed
+def test_a_size_that_is_no_multiple_of_the_environments_is_refused():
+    with pytest.raises(CodeError, match=r"expected the component x of shape \(num_envs,\), found \(16,\)"):
+        compile_reward(reward("x = torch.ones(16)\ny = a[:, 0]"), VARIABLES, False)
 
 
-@BOTH
 @pytest.mark.parametrize(
     "body",
     [
-        "x = a[:, 0]\nif bool(b.sum() > 0):\n    x = x[:1]",
-        "x = a[:, 0][b[:, 0] > -9]\nif bool(b.sum() > 0):\n    x = x[:1]",
+        "x = a[:, 0] if a.shape[0] > 3000 else b[:, 0]",
+        "x = a[:, 0]\nfor row in a[: a.shape[0] // 100]:\n    x = x + row[0]",
+        "x = a[:, 0] * (num_envs % 3)",
+        "x = a[:, 0] * torch.tensor([i for i in range(num_envs)])",
+        "x = a[:, 0] * math.sqrt(num_envs)",
     ],
 )
-def test_a_shape_that_changes_with_the_numbers_is_found_in_a_later_call(body, portable):
-    function = compile_reward(reward(body), VARIABLES, portable)
-    low, high = (values() | {"b": torch.full((16, 3), value)} for value in (-1.0, 1.0))
-    for _ in range(3):
-        assert function(low)[0].shape == (16,)
-    with pytest.raises(CodeError, match="expected the component x of shape"):
-        function(high)
-    assert function(low)[0].shape == (16,)
-
-
-@BOTH
-def test_components_that_come_and_go_are_seen(portable):
-    body = "x = a[:, 0]\nc = {'x': x}\nif bool(b.sum() > 0):\n    c['far away'] = x > 0"
-    function = compile_reward(reward(body, result="x, c"), VARIABLES, portable)
-    low, high = (values() | {"b": torch.full((16, 3), value)} for value in (-1.0, 1.0))
-    for states, names in (
-        (low, ["x"]),
-        (low, ["x"]),
-        (high, ["x", "far_away"]),
-        (low, ["x"]),
-        (high, ["x", "far_away"]),
-    ):
-        _, components = function(states)
-        assert list(components) == names
-        assert {value.dtype for value in components.values()} == {torch.float32}
-
-
-@BOTH
-def test_another_number_of_environments_is_looked_at_again(portable):
-    constant = compile_reward(reward("x = torch.ones(4)\ny = a[:, 0]"), VARIABLES, portable)
-    assert constant(values(4))[0].shape == constant(values(4))[0].shape == (4,)
-    with pytest.raises(CodeError, match=r"expected the component x of shape \(num_envs,\), found \(4,\)"):
-        constant(values(5))
+def test_what_hangs_on_the_number_of_environments_otherwise_is_refused(body):
+    with pytest.raises(CodeError, match="depends on the number of environments") as error:
+        compile_reward(reward(body, arguments="a, b, num_envs"), VARIABLES, False)
+    assert error.value.check == "static"
 
 
 @BOTH
@@ -362,17 +271,16 @@ def test_every_call_returns_the_plain_form_and_not_the_first_alone(portable):
 def test_names_that_are_read_again_or_would_be_one_stay_until_the_end():
     read = reward("x = a[:, 0]\nc = {'far away': x}\nx = x + c['far away']", result="x, c")
     assert list(compile_reward(read, VARIABLES, False)(values())[1]) == ["far_away"]
-    one = compile_reward(reward("x = a[:, 0]", result='x, {"a b": x, "a_b": x}'), VARIABLES, False)
     with pytest.raises(CodeError, match="distinct names, found a b, a_b"):
-        one(values())
+        compile_reward(reward("x = a[:, 0]", result='x, {"a b": x, "a_b": x}'), VARIABLES, False)
 
 
 @BOTH
 def test_what_is_written_twice_is_computed_once(portable):
     body = "x = torch.exp(-torch.norm(a - b, dim=-1)) + 2.0 * torch.exp(-torch.norm(a - b, dim=-1))"
     function = compile_reward(reward(body), VARIABLES, portable)
-    kinds = [node.kind().rstrip("_") for node in function._script.graph.nodes()]
-    assert kinds.count("aten::exp") == kinds.count("aten::linalg_vector_norm") == 1
+    kinds = [step.operator for step in function.program.steps]
+    assert kinds.count("exp.default") == kinds.count("linalg_vector_norm.default") == 1
     states = values()
     near = torch.exp(-torch.norm(states["a"] - states["b"], dim=-1))
     torch.testing.assert_close(function(states)[0], 3.0 * near)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from porse.code.extract import extract
-from porse.code.program import parse_program
-from porse.code.verdict import CodeError
+from porse.functions.read.extract import extract
+from porse.functions.read.source import parse
+from porse.functions.verdict import CodeError
 
 PLAIN = "def compute_reward(a):\n    return a, {}\n"
 
@@ -122,7 +122,7 @@ ODD = "f\"\"\"{\"'''\" '''x\n\"'''}\"\"\""
 def test_a_text_that_cannot_be_written_anew_does_no_harm(line):
     reply = f"class R:\n    def __init__(self):\n        {ODD}\n        self.x = {ODD}\n\ndef helper(self, a):\n    return a\n"
     reply += f"def compute_reward(a):\n    {line.format(odd=ODD)}\n    return a, {{}}\n"
-    parse_program(extract(reply, "reward").source)
+    parse(extract(reply, "reward").source)
 
 
 def test_defaults_that_would_grow_out_of_bounds_have_no_value():

@@ -7,15 +7,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from code_attacks import ATTACKS
-from code_cases import VARIABLES, reward, values
-from porse.code.compile import compile_reward
-from porse.code.contract import METHODS, TORCH_FUNCTIONS
-from porse.code.extract import Extracted, extract
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, judge
-from porse.code.verdict import CodeError
+from code_cases import VARIABLES, compile_reward, judge, reward, values
+from porse.functions.contract import METHODS, TORCH_FUNCTIONS
+from porse.functions.read.extract import Extracted, extract
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from porse.functions.read.validate import Submission
+from porse.functions.verdict import CodeError
 
 REPLIES = [path.read_bytes().decode() for path in sorted((Path(__file__).parent / "replies").glob("*.md"))]
 KINDS = st.sampled_from(["reward", "mapping"])

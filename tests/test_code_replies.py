@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import torch
 
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.contract import FUNCTION_NAMES
-from porse.code.extract import extract
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.validate import Submission, judge
+from code_cases import compile_mapping, compile_reward, judge
+from porse.functions.contract import FUNCTION_NAMES
+from porse.functions.read.extract import extract
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.validate import Submission
 from porse.sim import rotations
 from porse.tasks import make_task
 
@@ -108,10 +108,10 @@ def test_good_replies_mean_what_they_mean_in_python(task):
         source = extract((REPLIES / entry["file"]).read_bytes().decode(), entry["kind"]).source
         first, second, *_ = in_python(source, states)
         if entry["kind"] == "reward":
-            total, components = compile_reward(source, made.VARIABLES, False)(states)
+            total, components = compile_reward(source, made.VARIABLES, False, states)(states)
             expected, found = [first, *second.values()], [total, *components.values()]
         else:
-            found, rises, _ = compile_mapping(source, made.VARIABLES, False)(states)
+            found, rises, _ = compile_mapping(source, made.VARIABLES, False, states)(states)
             expected = list(first) if isinstance(first, list | tuple) else [first]
             assert rises == (list(second) if isinstance(second, list | tuple) else [second])
         assert len(found) == len(expected)

@@ -11,10 +11,10 @@ import time
 import pytest
 
 from code_cases import VARIABLES, reward, values
-from porse.code.limits import Limits
-from porse.code.sandbox import ProbeError, Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, validate
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import ProbeError, Sandbox
+from porse.functions.read.states import save_states
+from porse.functions.read.validate import Submission, validate
 
 GOOD = reward("x = a[:, 0] + b[:, 0]")
 SLOW = reward(
@@ -48,18 +48,18 @@ def test_one_call_judges_all_in_order_and_a_bad_one_spoils_no_other(states):
 
 
 def test_processor_time_is_limited_where_the_clock_is_not(sandbox):
-    assert sandbox.probe(SLOW, "reward").check == "time"
+    assert sandbox.judge(SLOW, "reward")[0].check == "time"
 
 
 def test_the_same_function_gets_the_same_verdict_again(sandbox):
-    assert sandbox.probe(GOOD, "reward") == sandbox.probe(GOOD, "reward")
+    assert sandbox.judge(GOOD, "reward") == sandbox.judge(GOOD, "reward")
 
 
 def test_further_functions_take_a_fraction_of_a_second(sandbox):
-    sandbox.probe(GOOD, "reward")
+    sandbox.judge(GOOD, "reward")[0]
     started = time.perf_counter()
     for _ in range(5):
-        sandbox.probe(GOOD, "reward")
+        sandbox.judge(GOOD, "reward")[0]
     assert (time.perf_counter() - started) / 5 < 0.5  # 0.03 on an idle machine
 
 
@@ -71,10 +71,10 @@ def test_states_that_lack_a_variable_are_an_error_that_names_it(sandbox, states,
 
 
 def test_a_child_that_is_killed_is_replaced(sandbox):
-    assert sandbox.probe(GOOD, "reward").passed
+    assert sandbox.judge(GOOD, "reward")[0].passed
     os.kill(sandbox._process.pid, signal.SIGKILL)
-    assert sandbox.probe(GOOD, "reward").check == "crash"
-    assert sandbox.probe(GOOD, "reward").passed
+    assert sandbox.judge(GOOD, "reward")[0].check == "crash"
+    assert sandbox.judge(GOOD, "reward")[0].passed
 
 
 def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, monkeypatch):
@@ -93,8 +93,8 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, 
 
 _ESCAPES = """
     import json, os, socket, sys
-    from porse.code.confine import confine
-    from porse.code.limits import Limits
+    from porse.functions.read.confine import confine
+    from porse.functions.read.limits import Limits
 
     secret = os.open("/etc/hostname", os.O_RDONLY)
     read_end, write_end = os.pipe()

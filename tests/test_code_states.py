@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, values
-from porse.code.states import load_states, save_states
 from porse.errors import TaskError
+from porse.functions.read.states import load_states, save_states
 
 
 def test_states_come_back_as_they_were(tmp_path):

@@ -4,11 +4,11 @@ from itertools import cycle
 
 import pytest
 
-from code_cases import values
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, judge
+from code_cases import judge, values
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from porse.functions.read.validate import Submission
 from porse.tasks import TASKS
 
 REWARDS = [
@@ -29,7 +29,7 @@ REWARDS = [
     "x = torch.min({p}[:, 0], {q}[:, 0]) + torch.maximum({p}[:, 1], {q}[:, 1])\nx = x.masked_fill(x > 5.0, 5.0)",
     "def squash(v, t):\n    return torch.exp(-v / t)\nx = squash(torch.norm({p}, dim=-1), 0.5) + squash(torch.norm({q}, dim=-1), 2.0)",
     "w = [0.5, 0.3, 0.2]\nx = {p}[:, 0] * 0\nfor i in range(3):\n    x = x + w[i] * torch.abs({p}[:, i] - {q}[:, i])",
-    "m = ({p} - {q}).mean()\nif m > 0:\n    x = {p}[:, 0]\nelse:\n    x = {q}[:, 0]\nx = x + 1.0",
+    "m = {p}.shape[-1]\nif m > 3:\n    x = {p}[:, 3]\nelse:\n    x = {q}[:, 0]\nx = x + 1.0",
     "k = torch.cross({p}, {q}, dim=-1)\nx = F.softplus(k[:, 0]) - F.relu(k[:, 1]) + k[:, 2].abs()",
     "t = torch.tensor([0.0, 0.0, 1.0], device={p}.device)\nx = ({p} * t).sum(dim=-1) + torch.atan2({q}[:, 0], {q}[:, 1] + 2.0)",
     "x = 0.0\nfor i in range(3):\n    x += torch.exp(-torch.abs({p}[:, i] - {q}[:, i]))\nx /= 3",

@@ -27,7 +27,7 @@ from porse.training.population import train_pool
 from porse.training.probing import search_rung
 from porse.training.reason import plain
 from porse.training.start import random_policy
-from samples import MAPPING, NOT_FINITE, RAISES, REWARD
+from samples import MAPPING, NOT_FINITE, RAISES, REWARD, program
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -121,7 +121,7 @@ def plan(folder: Path, way: str, step: int, marker: str) -> None:
 def job(name: str, starts: Path, out: Path, fault: Fault | None = None) -> Job:
     start = starts / f"{fault.start if fault else 'start'}.safetensors"
     reward = fault.reward if fault else REWARD
-    return Job(name, reward, MAPPING, 1.0, start, out / f"{name}.safetensors", EPOCHS, SEEDS[name])
+    return Job(name, program(reward), program(MAPPING), 1.0, start, out / f"{name}.safetensors", EPOCHS, SEEDS[name])
 
 
 def files(folder: Path) -> dict[str, str]:
@@ -297,7 +297,8 @@ def test_what_a_failure_says_is_the_same_on_every_machine():
 def candidate(name: str, slot: int, reward: str, beta: float) -> dict:
     return {
         "iteration": 2, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "beta": beta, "alpha": 0.8,
+        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "reward_program": program(reward),
+        "mapping_program": program(MAPPING), "beta": beta, "alpha": 0.8,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

@@ -1,9 +1,10 @@
 import dataclasses
 
 import pytest
+import torch
 
-from porse.code.verdict import Verdict
 from porse.errors import SearchError
+from porse.functions.verdict import Verdict
 from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.conversations import Brief
@@ -13,9 +14,10 @@ from porse.generation.states import probe_states
 from porse.generation.values import parse_values
 from porse.llm.request import Message, Reply
 from porse.pool import Pool
+from porse.tasks import find_task
 
 BAD = Verdict(False, "syntax", "expected a colon", 3, (), ())
-GOOD = Verdict(True, "ok", "", 0, (), ())
+GOOD = Verdict(True, "ok", "", 0, program="program")
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def test_a_broken_function_goes_back_with_its_verdict(params, brief, model):
     assert "expected a colon" in question.request.messages[2].content
     assert "line 3" in question.request.messages[2].content
     assert (question.origin.stage, question.origin.subject) == ("validate-code", "reward 2, attempt 1")
-    assert checked.functions == [Function("reward", 2, "k1", "source")]
+    assert checked.functions == [Function("reward", 2, "k1", "source", "program")]
     assert [verdict.passed for _, verdict in checked.attempts] == [False, True]
 
 
@@ -121,7 +123,7 @@ def with_candidates(params, candidates):
 
 def functions_of(*sources):
     return [
-        Function(kind, slot, f"{kind}{slot}", f"{kind} {source}")
+        Function(kind, slot, f"{kind}{slot}", f"{kind} {source}", f"list of {kind} {source}")
         for slot, source in enumerate(sources)
         for kind in ("reward", "mapping")
     ]
@@ -130,13 +132,17 @@ def functions_of(*sources):
 def test_the_first_pool_pairs_slots_and_carries_the_winners_pair_over(params):
     winner = {
         "candidate_id": "w", "reward_key": "rk", "mapping_key": "mk", "reward_source": "r", "mapping_source": "m",
-        "beta": 1.7, "alpha": 0.3,
+        "reward_program": "rp", "mapping_program": "mp", "beta": 1.7, "alpha": 0.3,
     }  # fmt: skip
     pool = first_pool(functions_of("a", "b"), winner, {}, with_candidates(params, 3), 2)
     assert [(row["slot"], row["origin"], row["reward_source"], row["mapping_source"]) for row in pool] == [
         (0, "new", "reward a", "mapping a"),
         (1, "new", "reward b", "mapping b"),
         (2, "elite", "r", "m"),
+    ]
+    assert [(row["reward_program"], row["mapping_program"]) for row in pool][1:] == [
+        ("list of reward b", "list of mapping b"),
+        ("rp", "mp"),
     ]
     assert {(row["beta"], row["alpha"], row["policy"], row["epochs"]) for row in pool} == {(1.0, 0.8, "fused", 0)}
     assert pool[2]["parent_id"] == "w"
@@ -161,13 +167,21 @@ def test_mutants_take_slots_after_the_candidates_and_none_equals_its_parent(para
     assert [row["index"] for row in swarm.rows] == [0, 3]
 
 
-def test_probe_states_hold_fresh_and_moved_states():
+def test_probe_states_are_those_that_a_reward_is_paid_for_of_several_ages():
     states = probe_states("Quadcopter", 4, 3, 1)
-    assert states["num_envs"] == 8
-    assert states["root_positions"].shape == (8, 3)
-    assert states["progress_buf"].tolist() == [0] * 4 + [3] * 4
-    assert (states["root_linvels"][:4] == 0).all()
-    assert (states["root_linvels"][4:] != 0).any()
+    assert states["num_envs"] == 12
+    assert states["root_positions"].shape == (12, 3)
+    late = find_task("Quadcopter").EPISODE_LENGTH - 1
+    assert states["progress_buf"].tolist() == [1] * 4 + [3] * 4 + [late] * 4
+    assert (states["root_linvels"] != 0).any(dim=1).all()
+
+
+def test_forces_are_not_exactly_zero_in_probe_states():
+    """They are right after a reset, where no reward is paid, and divisions by them refused good rewards."""
+    states = probe_states("ReOrientation", 2, 2, 1)
+    forces = [v for n, v in states.items() if isinstance(v, torch.Tensor) and n.endswith("dof_force_tensor")]
+    assert forces
+    assert all(bool((force != 0).any(dim=1).all()) for force in forces)
 
 
 def test_parameters_reach_the_request(params, brief, model):

@@ -29,7 +29,7 @@ from porse.training.rung import job_for, train_rung
 from porse.training.start import random_policy
 from porse.training.trainer import Trainer, draw_policy
 from porse.training.vecenv import TaskEnv, observation_groups
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 
 
 class Task:
@@ -373,7 +373,7 @@ def made(monkeypatch):
 
 
 def job(tmp_path, **changes):
-    whole = Job("c", REWARD, MAPPING, 0.7, tmp_path / "start", tmp_path / "finish", 9, 5)
+    whole = Job("c", program(REWARD), program(MAPPING), 0.7, tmp_path / "start", tmp_path / "finish", 9, 5)
     return dataclasses.replace(whole, **changes)
 
 
@@ -433,7 +433,7 @@ def test_a_simhash_follows_from_the_jobs_seed(small, made, tmp_path):
 
 def test_where_there_is_no_bonus_the_mapping_is_not_asked(small, made, tmp_path):
     chosen = changed(small, candidate={"bonus": "none"})
-    train_candidate(job(tmp_path, mapping_source=""), chosen, lambda *_: None)
+    train_candidate(job(tmp_path, mapping_program=""), chosen, lambda *_: None)
     assert made["reward"].pay(made["task"]).series["bonus"].tolist() == [0.0] * 8
 
 
@@ -443,7 +443,8 @@ def test_where_there_is_no_bonus_the_mapping_is_not_asked(small, made, tmp_path)
 def row(name, slot, **changes):
     values = {
         "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "reward_source": f"reward {name}",
-        "mapping_source": f"mapping {name}", "beta": 0.7, "alpha": 0.3, "policy": "fused",
+        "mapping_source": f"mapping {name}", "reward_program": f"reward list {name}",
+        "mapping_program": f"mapping list {name}", "beta": 0.7, "alpha": 0.3, "policy": "fused",
     }  # fmt: skip
     return row_of(tables.CANDIDATES, **{**values, **changes})
 
@@ -490,7 +491,8 @@ def test_candidates_of_an_iteration_share_their_draws_and_iterations_and_runs_do
 
 def test_a_job_is_what_the_candidates_row_says(small, tmp_path):
     found = job_for(row("a", 1), tmp_path / "start", 4, small, tmp_path)
-    assert (found.name, found.reward_source, found.mapping_source, found.beta) == ("a", "reward a", "mapping a", 0.7)
+    assert (found.name, found.reward_program, found.mapping_program) == ("a", "reward list a", "mapping list a")
+    assert found.beta == 0.7
     assert (found.start, found.finish, found.until) == (tmp_path / "start", policy_file(tmp_path, "a"), 4)
 
 

@@ -14,11 +14,11 @@ from porse.training.job import Ended, Job, Report
 from porse.training.limits import WORKERS_VARIABLE
 from porse.training.population import train_pool
 from porse.training.start import random_policy
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 
 
 def job(name: str, start: Path, until: int) -> Job:
-    return Job(name, REWARD, MAPPING, 1.0, start, start.with_name(f"{name}.safetensors"), until, 7)
+    return Job(name, program(REWARD), program(MAPPING), 1.0, start, start.with_name(f"{name}.safetensors"), until, 7)
 
 
 def test_every_epoch_of_every_candidate_is_reported_in_order(small, tmp_path):

@@ -42,8 +42,8 @@ def bred_briefs(first):
 
 
 def prompts():
-    from porse.code.verdict import Verdict
     from porse.config import load_params
+    from porse.functions.verdict import Verdict
     from porse.generation.conversations import conversation, repair
     from porse.generation.values import questions_text
     from porse.search.feedback import Series

@@ -12,11 +12,13 @@ import pytest
 import torch
 import yaml
 
+from code_cases import traced, variable
 from porse import tables
 from porse.errors import TaskError
 from porse.pipeline import check_dependency
 from porse.pool import policy_file, read_pool, write_pool
 from porse.tasks import find_task, make_task
+from tiny import write_inputs
 
 NAME = "my_tasks.cart:CartPole"
 REWARD = """def compute_reward(pole_angle: torch.Tensor, cart_pos: torch.Tensor):
@@ -25,6 +27,7 @@ REWARD = """def compute_reward(pole_angle: torch.Tensor, cart_pos: torch.Tensor)
     return upright + middle, {"upright": upright, "middle": middle}
 """
 RENDERERS = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
+OFFERED = [variable("pole_angle"), variable("cart_pos")]
 MAPPING = "def mapping_function(self):\n    return [self.pole_angle.abs()], [False], ['angle']\n"
 
 
@@ -117,16 +120,21 @@ def test_check_code_finds_the_example_from_its_folder(root, project):
 @pytest.fixture(scope="module")
 def trained(root, project) -> Path:
     """Returns the pool that the first stage and a rung, with a process for each candidate, leave."""
-    run(root, project, "-m", "stages.begin", "--out", "run/1/start")
+    for name in ("porse", "stages", "prompts", "llm_cache", "requirements.lock"):
+        (project / name).symlink_to(root / name)
+    write_inputs(project)
+    run(root, project, "-m", "stages.begin", "--inputs", "inputs/begin.json", "--out", "run/1/start")
     start = next((project / "run" / "1" / "start").rglob("*.safetensors"))
     row = {
         "iteration": 1, "slot": 0, "candidate_id": "one", "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING, "beta": 1.0, "alpha": 0.8,
+        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING,
+        "reward_program": traced(REWARD, "reward", OFFERED).text,
+        "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
     write_pool(project / "pool", [row, {**row, "candidate_id": "two", "slot": 1, "beta": 0.5}], [], {"fused": start})
     rung = ("--iteration", "1", "--rung", "1", "--until", "1", "--pool", "pool", "--out", "trained")
-    run(root, project, "-m", "stages.train_population", *rung)
+    run(root, project, "-m", "stages.train_population", "--inputs", "inputs/train-population.json", *rung)
     return project / "trained"
 
 

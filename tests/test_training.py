@@ -21,7 +21,7 @@ from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
 from porse.training.vecenv import TaskEnv
-from samples import MAPPING, NOT_FINITE, RAISES, REWARD
+from samples import INFINITE_COMPONENT, MAPPING, NOT_FINITE, RAISES, REWARD, program
 
 ENVS = "32"
 
@@ -60,7 +60,7 @@ def test_a_training_gives_the_same_bits_on_another_vendors_cpu(root, start, tmp_
 
 
 def job(start, finish, reward=REWARD, **changes):
-    return dataclasses.replace(Job("one", reward, MAPPING, 1.0, start, finish, 2, 7), **changes)
+    return dataclasses.replace(Job("one", program(reward), program(MAPPING), 1.0, start, finish, 2, 7), **changes)
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +101,28 @@ def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_
 def test_a_reward_that_raises_on_a_late_state_ends_the_training_with_a_reason(small, small_start, tmp_path):
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", RAISES), small, lambda *_: None)
     assert outcome.failure.startswith("its function raised in training:")
-    assert "shape" in outcome.failure
+    assert "out of bounds" in outcome.failure
     assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_component_that_is_not_finite_ends_the_training_by_its_name(small, small_start, tmp_path):
+    """It would reach the next prompt, though the total is sound."""
+    outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", INFINITE_COMPONENT), small, lambda *_: None)
+    assert outcome.failure.startswith("its series component/late held NaN or infinity in an epoch")
+    assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_list_that_is_none_is_the_candidates_failure(small, small_start, tmp_path):
+    broken = dataclasses.replace(job(small_start, tmp_path / "x.safetensors"), reward_program="{}")
+    outcome = train_candidate(broken, small, lambda *_: None)
+    assert outcome.failure.startswith("expected an operator list")
 
 
 def candidate_row(name, reward, slot):
     return {
         "iteration": 1, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "beta": 1.0, "alpha": 0.8,
+        "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING,
+        "reward_program": program(reward), "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

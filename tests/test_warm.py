@@ -13,14 +13,13 @@ import pytest
 import yaml
 
 from porse.checkpoint import write_checkpoint
-from porse.config import load_document
-from porse.inputs.resolve import resolve_inputs
 from porse.pool import write_pool
 from porse.training.start import random_policy
 from porse.warm.client import VARIABLE
 from porse.warm.start import warm_server
-from samples import MAPPING, REWARD
+from samples import MAPPING, REWARD, program
 from test_population import wait_until
+from tiny import write_inputs
 
 PARENT = """
 import subprocess, sys
@@ -37,7 +36,8 @@ KEY = "not-a-key-" + "of-anyone"
 def row(name: str, slot: int) -> dict:
     return {
         "iteration": 1, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING, "beta": 1.0, "alpha": 0.8,
+        "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING, "reward_program": program(REWARD),
+        "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 
@@ -61,12 +61,6 @@ def project(root, small, tmp_path_factory) -> Path:
     rows = [row("one", 0), row("two", 1)]
     write_pool(folder / "pool", rows, curves, {"fused": folder / "start.safetensors"})
     return folder
-
-
-def write_inputs(folder: Path) -> None:
-    (folder / "inputs").mkdir(exist_ok=True)
-    for name, inputs in resolve_inputs(folder, load_document(folder / "params.yaml"), "params.yaml").items():
-        (folder / "inputs" / f"{name}.json").write_text(inputs.render())
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,8 @@ from typing import Any
 
 import yaml
 
-from porse.config import load_params
+from porse.config import load_document, load_params
+from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import write_pipeline
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,6 +44,13 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
     run(project, "git", "init", "-q")
     dvc(project, "init", "-q")
     return project
+
+
+def write_inputs(project: Path) -> None:
+    """Writes what stage `resolve` writes, for a folder with `porse/` and `stages/` in it but without a pipeline."""
+    (project / "inputs").mkdir(exist_ok=True)
+    for name, inputs in resolve_inputs(project, load_document(project / "params.yaml"), "params.yaml").items():
+        (project / "inputs" / f"{name}.json").write_text(inputs.render())
 
 
 def run(

@@ -14,13 +14,13 @@ numerics.apply("portable")
 from porse.config import load_params  # noqa: E402
 from porse.training.candidate import train_candidate  # noqa: E402
 from porse.training.job import Job  # noqa: E402
-from samples import MAPPING, REWARD  # noqa: E402
+from samples import MAPPING, REWARD, program  # noqa: E402
 
 
 def main(start: str, finish: str, until: str, num_envs: str) -> None:
     params = load_params(ROOT / "params.yaml")
     train = dataclasses.replace(params.train, num_envs=int(num_envs))
-    job = Job("one", REWARD, MAPPING, 1.0, Path(start), Path(finish), int(until), 7)
+    job = Job("one", program(REWARD), program(MAPPING), 1.0, Path(start), Path(finish), int(until), 7)
     outcome = train_candidate(job, dataclasses.replace(params, train=train), lambda epoch, fitness: None)
     assert not outcome.failure, outcome.failure
 

@@ -10,6 +10,9 @@ from porse.search.breeding import Breeding
 from porse.search.schedule import is_searched
 from porse.tables import Row
 
+_PARTS = ("key", "source", "program")
+"""What a candidate's row holds of a function."""
+
 
 def first_pool(
     functions: Sequence[Function],
@@ -43,10 +46,12 @@ def first_pool(
             "mapping_key": mapping.key if mapping else "",
             "reward_source": reward.source if reward else "",
             "mapping_source": mapping.source if mapping else "",
+            "reward_program": reward.program if reward else "",
+            "mapping_program": mapping.program if mapping else "",
         }
         rows.append(_candidate(params, iteration, slot, content))
     if winner is not None:
-        pair = {name: winner[name] for name in ("reward_key", "mapping_key", "reward_source", "mapping_source")}
+        pair = {f"{kind}_{part}": winner[f"{kind}_{part}"] for kind in ("reward", "mapping") for part in _PARTS}
         elite = {"origin": "elite", "parent_id": winner["candidate_id"], **pair}
         rows += [_candidate(params, iteration, new + index, elite) for index in range(elites)]
     return _distinct(rows)

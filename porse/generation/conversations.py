@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from porse.code.contract import Kind, contract_text
-from porse.code.verdict import Verdict
+from porse.functions.contract import contract_text
+from porse.functions.verdict import Kind, Verdict
 from porse.llm.request import Message
 from porse.prompts import number, numbers, render
 from porse.search.breeding import Breeding

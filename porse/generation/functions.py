@@ -9,10 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from porse.code.contract import Kind
-from porse.code.verdict import Verdict
 from porse.config import Params
 from porse.errors import SearchError
+from porse.functions.verdict import Kind, Verdict
 from porse.generation.answers import answers
 from porse.generation.conversations import Brief, conversation, repair
 from porse.llm.request import Message, Origin, Question, Reply, request_of
@@ -47,6 +46,7 @@ class Function:
     slot: int
     key: str
     source: str
+    program: str
 
 
 def first_places(params: Params, iteration: int) -> list[tuple[Kind, int]]:
@@ -120,7 +120,7 @@ def checked_functions(
         for attempt, (verdict, source) in zip(open_attempts, check(open_attempts), strict=True):
             tried.append((attempt, verdict))
             if verdict.passed:
-                passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source))
+                passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source, verdict.program))
             else:
                 broken.append((attempt, verdict))
         open_attempts = _next_attempts(broken, brief, params, iteration, cache)
@@ -200,6 +200,7 @@ def verdict_row(iteration: int, attempt: Attempt, verdict: Verdict) -> Row:
         "check": verdict.check,
         "line": verdict.line,
         "message": verdict.message,
+        "warning": verdict.warning,
     }
 
 

@@ -9,33 +9,36 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.code.limits import Limits
-from porse.code.sandbox import Sandbox
-from porse.code.states import save_states
-from porse.code.validate import Submission, judge
-from porse.code.verdict import Verdict
 from porse.config import Params
+from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import save_states
+from porse.functions.verdict import Verdict
 from porse.generation.functions import Attempt, Check
 from porse.identity import seed_for
 from porse.tasks import find_task, make_task
 
 
 def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[str, Any]:
-    """Returns the values of all variables of a task: states right after a reset, then after random actions.
+    """Returns the values of all variables of a task in states that a reward is paid for: each comes after a step.
 
-    Tensors have 2 x num_envs rows, since both kinds of state have broken functions that only met the other.
+    A third of the states has seen one step of random actions, a third `steps` of them, as the last third, whose episodes
+    are nearly over by their clocks. Tensors have 3 x num_envs rows: each kind of state has broken functions that only met the
+    others. None comes right after a reset, where forces are exactly 0 and no reward is ever paid.
     """
     task = make_task(task_name, num_envs, seed)
-    first = task.variables()
     generator = torch.Generator().manual_seed(seed)
-    for _ in range(steps):
+    seen: list[dict[str, Any]] = []
+    for step in range(max(steps, 1)):
         task.step(2.0 * torch.rand(num_envs, task.NUM_ACTIONS, generator=generator) - 1.0)
-    last = task.variables()
-    joined: dict[str, Any] = {}
-    for name, value in last.items():
-        before = first[name]
-        joined[name] = torch.cat([before, value]) if isinstance(value, Tensor) and isinstance(before, Tensor) else value
-    return joined | {"num_envs": 2 * num_envs}
+        if step in (0, max(steps, 1) - 1):
+            seen.append({n: v.clone() if isinstance(v, Tensor) else v for n, v in task.variables().items()})
+    late = dict(seen[-1])
+    if isinstance(clock := late.get("progress_buf"), Tensor):
+        late["progress_buf"] = clock + (task.EPISODE_LENGTH - 1 - int(clock.max()))
+    parts = [seen[0], seen[-1], late]
+    joined = {n: torch.cat([part[n] for part in parts]) if isinstance(v, Tensor) else v for n, v in late.items()}
+    return joined | {"num_envs": 3 * num_envs}
 
 
 @contextmanager
@@ -59,6 +62,6 @@ def checker(params: Params) -> Iterator[Check]:
                 probe, seed = params.validate, seed_for(params.seed, "probe")
                 save_states(states, probe_states(params.task, probe.probe_envs, probe.probe_steps, seed))
                 sandbox.load(states, variables)
-            return [judge(Submission(attempt.reply.text, attempt.kind), variables, sandbox) for attempt in attempts]
+            return [sandbox.judge(attempt.reply.text, attempt.kind) for attempt in attempts]
 
         yield check

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from porse.code.compile import MappingFunction
 from porse.exploration import ProgressCounts, SimHashCounts
+from porse.functions.run.execute import MappingFunction
 
 
 class Bonus(Protocol):

@@ -1,15 +1,15 @@
-"""Trains one candidate: its functions compiled anew, its task made, its policy trained."""
+"""Trains one candidate: its operator lists loaded, its task made, its policy trained."""
 
 import traceback
 from collections.abc import Callable
 
-from porse.code.compile import compile_mapping, compile_reward
-from porse.code.verdict import CodeError
 from porse.config import Params
 from porse.errors import PorseError
 from porse.exploration import SimHashCounts, SumCounts, VisitCounts
+from porse.functions.run.execute import load_mapping, load_reward
+from porse.functions.verdict import CodeError
 from porse.identity import seed_for
-from porse.tasks import find_task, make_task
+from porse.tasks import make_task
 from porse.tasks.base import Task
 from porse.training.bonus import Bonus, MappingBonus, NoBonus, SimHashBonus
 from porse.training.goal import Goal, generated, human, sparse
@@ -36,7 +36,7 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
     except CandidateFailed as failure:
         reason, outside = str(failure), False
     except CodeError as error:
-        reason, outside = f"its function cannot be compiled: {plain(str(error))}", False
+        reason, outside = f"its function cannot be run: {plain(str(error))}", False
     except PorseError:
         raise
     except (Exception, SystemExit) as error:
@@ -59,8 +59,7 @@ def _trained(job: Job, params: Params, report: Callable[[int, float], None], bef
 
 def _goal(job: Job, params: Params) -> Goal:
     if params.candidate.goal == "generated":
-        variables = find_task(params.task).VARIABLES
-        return generated(compile_reward(job.reward_source, variables, params.numerics == "portable"))
+        return generated(load_reward(job.reward_program, params.numerics == "portable"))
     return human if params.candidate.goal == "human" else sparse
 
 
@@ -72,8 +71,6 @@ def _bonus(job: Job, task: Task, params: Params) -> Bonus:
         seed = seed_for(job.seed, "simhash")
         counts = SimHashCounts(task.NUM_OBSERVATIONS, exploration.simhash_bits, exploration.lambda_, seed)
         return SimHashBonus(counts)
-    mapping = compile_mapping(job.mapping_source, task.VARIABLES, params.numerics == "portable")
-    # One call tells the directions: they are the mapping's output, and constant.
-    _, rises, _ = mapping(task.variables())
+    mapping = load_mapping(job.mapping_program, params.numerics == "portable")
     visits = SumCounts if exploration.discretiser == "sum" else VisitCounts
-    return MappingBonus(mapping, visits(rises, exploration.cells, exploration.lambda_))
+    return MappingBonus(mapping, visits(mapping.rises, exploration.cells, exploration.lambda_))

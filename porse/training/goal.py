@@ -5,7 +5,7 @@ from typing import Any
 
 from torch import Tensor
 
-from porse.code.compile import RewardFunction
+from porse.functions.run.execute import RewardFunction
 from porse.tasks.base import Task
 
 Goal = Callable[[Task, Mapping[str, Any]], tuple[Tensor, Mapping[str, Tensor]]]

@@ -11,8 +11,8 @@ class Job:
 
     Attributes:
         name: what reports call it, unlike any other of its pool: the candidate id.
-        reward_source: its goal reward.
-        mapping_source: its mapping.
+        reward_program: its goal reward, an operator list.
+        mapping_program: its mapping, an operator list.
         beta: its weight of the bonus.
         start: the policy or checkpoint to go on from.
         finish: where the checkpoint is written.
@@ -21,8 +21,8 @@ class Job:
     """
 
     name: str
-    reward_source: str
-    mapping_source: str
+    reward_program: str
+    mapping_program: str
     beta: float
     start: Path
     finish: Path

@@ -25,6 +25,8 @@ from porse import errors
 from porse.config import Params
 from porse.errors import PorseError
 from porse.processes import die_with_parent, limit_memory
+from porse.task_names import is_own
+from porse.tasks import find_task
 from porse.training.job import Ended, Job, Outcome, Report, Tell
 from porse.training.limits import Limits
 from porse.training.reason import last_words
@@ -48,8 +50,11 @@ class Local:
 
     def run(self, jobs: Sequence[Job], params: Params, tell: Tell) -> None:
         """Trains every job once and tells of each epoch and of each end."""
-        # Imported before the first fork, and not by every child.
+        # Imported before the first fork, and not by every child; but code of one's own runs in the children alone.
         from porse.training.candidate import train_candidate
+
+        if not is_own(params.task):
+            find_task(params.task)
 
         # A child that looked through a million objects for garbage would copy the memory that it shares.
         gc.freeze()

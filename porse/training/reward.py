@@ -1,5 +1,6 @@
 """What a policy is paid for: the total reward of eq. 6, and the series that are written down about it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.code.verdict import CodeError
+from porse.functions.verdict import CodeError
 from porse.tasks.base import Task
 from porse.training.bonus import Bonus
 from porse.training.goal import Goal
@@ -90,11 +91,20 @@ class EpochMeans:
         self._steps += 1
 
     def take(self) -> dict[str, float]:
-        """Returns the means so far and starts a new epoch."""
+        """Returns the means so far and starts a new epoch.
+
+        Raises:
+            CandidateFailed: one is not finite, and so were values of the function that it is a series of.
+        """
         if self._sums is None:
             return {}
         means = dict(zip(self._names, (self._sums / self._steps).tolist(), strict=True))
         self._sums, self._steps = None, 0
+        wrong = [name for name, value in means.items() if not math.isfinite(value)]
+        if wrong:
+            raise CandidateFailed(
+                f"its series {', '.join(wrong)} held NaN or infinity in an epoch; guard what makes it"
+            )
         return means
 
 

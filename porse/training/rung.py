@@ -40,8 +40,8 @@ def job_for(row: Row, start: Path, until: int, params: Params, out: Path) -> Job
     """Returns the training of a candidate from the file `start` to epoch `until`; its checkpoint goes to the pool `out`."""
     return Job(
         name=row["candidate_id"],
-        reward_source=row["reward_source"],
-        mapping_source=row["mapping_source"],
+        reward_program=row["reward_program"],
+        mapping_program=row["mapping_program"],
         beta=row["beta"],
         start=start,
         finish=policy_file(out, row["candidate_id"]),

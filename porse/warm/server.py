@@ -26,7 +26,7 @@ from porse.warm.sameness import declared_profile, libraries_see, sources
 
 IMPORTED = (
     "porse.training.candidate", "porse.training.evaluation", "porse.training.executor", "porse.training.rung",
-    "porse.training.start", "porse.generation.states", "porse.stage", "porse.steps.begin", "porse.steps.eliminate",
+    "porse.training.start", "porse.generation.states", "porse.sim.physics", "porse.stage", "porse.steps.begin", "porse.steps.eliminate",
     "porse.steps.evaluate", "porse.steps.fuse", "porse.steps.generate", "porse.steps.mutate", "porse.steps.summarise",
     "porse.steps.train_population", "porse.steps.validate_code",
 )  # fmt: skip

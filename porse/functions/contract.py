@@ -1,0 +1,152 @@
+"""The contract of generated code, as data: what the checker enforces is what the prompts print.
+
+Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
+"""
+
+from porse.functions.verdict import MAX_NAMES, Kind, words
+
+FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
+    "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),
+    "mapping": ("mapping_function", "compute_mapping", "mapping", "progress_function", "compute_progress"),
+}
+"""Names under which a function is looked for, the first is the one that prompts ask for."""
+
+NAME_PATTERN: dict[Kind, str] = {
+    "reward": r"(compute|calculate|get)_\w*reward\w*",
+    "mapping": r"\w*(mapping|progress)_\w+",
+}
+"""Names that are accepted when none of `FUNCTION_NAMES` is there."""
+
+SIGNATURES: dict[Kind, str] = {
+    "reward": (
+        "def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor)"
+        " -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:\n"
+        "    ...\n"
+        '    return total_reward, {"component_name": component, ...}'
+    ),
+    "mapping": (
+        'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
+    ),
+}
+
+HELPERS: dict[str, str] = {
+    "dist": "dist(a, b): Euclidean distance along the last dimension, (num_envs,) for two (num_envs, 3) positions",
+    "rot_dist": "rot_dist(q1, q2): angle in radians between two rotations given as quaternions xyzw, (num_envs,)",
+}
+"""Helpers that exist without being defined, with the line that prompts print."""
+
+MAX_REPLY_CHARACTERS = 200_000
+MAX_SOURCE_LINES = 600
+MAX_TREE_NODES = 20_000
+MAX_TREE_DEPTH = 60
+MAX_INTEGER = 10_000_000
+"""Largest integer literal."""
+MAX_LOOP = 1_000
+"""Largest count of a `range`, or of a repeated list, that is written as a number."""
+MAX_ELEMENTS = 10_000_000
+"""Most numbers of a tensor whose size is written in the code."""
+
+BUILTINS = words(
+    "abs all any bool dict enumerate filter float int isinstance len list map max min pow print range reversed round set sorted "
+    "str sum tuple zip"
+)
+
+TORCH_CONSTANTS = words(
+    "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor"
+)
+
+TORCH_FUNCTIONS = words("""
+    abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
+    arctanh argmax argmin argsort as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not
+    bitwise_or bmm broadcast_tensors broadcast_to cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack
+    concat concatenate conj copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
+    diagonal diff dist div divide dot einsum eq erf exp exp2 expm1 eye fix flatten flip floor floor_divide fmax fmin
+    fmod frac full full_like gather ge greater greater_equal gt heaviside hstack hypot index_select inner isclose
+    isfinite isinf isnan isneginf isposinf le lerp less less_equal linspace log log10 log1p log2 log_softmax logaddexp
+    logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max maximum mean median min
+    minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm not_equal numel
+    ones ones_like outer permute positive pow prod rad2deg ravel reciprocal relu remainder reshape roll round rsqrt
+    select sgn sigmoid sign signbit sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub subtract
+    sum swapaxes swapdims t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
+    unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
+    """)
+
+TORCH_MODULES: dict[str, frozenset[str]] = {
+    "linalg": words("cross multi_dot norm vecdot vector_norm"),
+    "special": words("erf exp2 expit expm1 log1p logit logsumexp sinc softmax xlogy"),
+    "nn.functional": words("""
+        celu cosine_similarity elu gelu hardsigmoid hardtanh huber_loss l1_loss leaky_relu log_softmax logsigmoid mish
+        mse_loss normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
+        threshold
+        """),
+    "jit": frozenset(["annotate"]),
+}
+
+MATH_NAMES = words(
+    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor inf isfinite isinf isnan log log10 log1p "
+    "nan pi pow radians sin sinh sqrt tan tanh tau"
+)
+
+NUMPY_NAMES: dict[str, str] = {
+    **{name: f"math.{name}" for name in ("cos", "cosh", "degrees", "e", "exp", "inf", "log", "log10", "log1p", "nan")},
+    **{name: f"math.{name}" for name in ("pi", "radians", "sin", "sinh", "sqrt", "tan", "tanh")},
+    "abs": "abs", "absolute": "abs", "arccos": "math.acos", "arcsin": "math.asin", "arctan": "math.atan",
+    "arctan2": "math.atan2", "deg2rad": "math.radians", "power": "math.pow", "rad2deg": "math.degrees",
+}  # fmt: skip
+"""What of numpy may be used, with what it is written as: functions of numbers, of which most take tensors as well."""
+
+METHODS = words("""
+    abs absolute acos acosh add addcdiv addcmul all amax amin any arccos arccosh arcsin arcsinh arctan arctan2 arctanh
+    argmax argmin argsort asin asinh atan atan2 atanh baddbmm bitwise_and bitwise_not bitwise_or bmm bool broadcast_to
+    ceil chunk clamp clamp_max clamp_min clip clone conj contiguous copysign cos cosh count_nonzero cross cummax cummin
+    cumprod cumsum deg2rad detach diagonal diff dim dist div divide dot double eq erf exp exp2 expand expand_as expm1
+    fix flatten flip float floor floor_divide fmax fmin fmod frac gather ge greater greater_equal gt half heaviside
+    hypot index_select inner int isclose isfinite isinf isnan isneginf isposinf item le lerp less less_equal log log10
+    log1p log2 log_softmax logaddexp logical_and logical_not logical_or logical_xor logit logsumexp long lt masked_fill
+    matmul max maximum mean median min minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne
+    neg negative norm not_equal numel outer permute positive pow prod rad2deg ravel reciprocal relu remainder repeat
+    reshape reshape_as roll round rsqrt select sgn sigmoid sign signbit sin sinc sinh size softmax sort split sqrt
+    square squeeze std sub subtract sum swapaxes swapdims t take_along_dim tan tanh tile to topk trace transpose tril
+    triu true_divide trunc type type_as unbind unflatten unsqueeze var view view_as where xlogy
+    new_full new_ones new_tensor new_zeros
+    add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
+    append count extend copy index insert items join pop reverse setdefault strip keys values get update format lower upper replace startswith endswith
+    """)
+"""Methods of tensors, lists, dictionaries and strings."""
+
+ATTRIBUTES = words("T mT device dtype ndim requires_grad shape values indices")
+
+MODULES = words("""
+    torch math typing numpy __future__ abc collections dataclasses enum functools gym gymnasium isaacgym isaacgymenvs
+    omniisaacgymenvs bidexhands utils
+    """)
+"""Modules whose import lines are accepted. No import is ever executed; names come only from torch, math and numpy."""
+
+
+def contract_text(kind: Kind) -> str:
+    """Returns the part of a prompt that says what a function of `kind` must look like."""
+    name = FUNCTION_NAMES[kind][0]
+    common = [
+        "It is compiled by TorchScript, so it uses torch only: no numpy, no other import, no class, no print, no while.",
+        "New tensors are created on the device of the inputs, for example torch.zeros_like(x) or device=x.device.",
+        "Inputs are read, never changed in place. There are no random draws.",
+    ]
+    if kind == "reward":
+        specific = [
+            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and"
+            " with their exact types; any subset in any order, and nothing else.",
+            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the"
+            " name of each reward component to a tensor of shape (num_envs,).",
+            "Parameters such as temperatures are named local variables of the function, not arguments.",
+        ]
+    else:
+        specific = [
+            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as"
+            " arguments by their exact names.",
+            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape"
+            " (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for"
+            " each a distinct name.",
+            "Helpers, also as self.<helper>: " + "; ".join(HELPERS.values()) + ".",
+        ]
+    lines = ["```python", SIGNATURES[kind], "```", *(f"- {line}" for line in specific + common)]
+    return "\n".join(lines)

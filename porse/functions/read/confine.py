@@ -1,0 +1,116 @@
+"""Limits that a process puts on itself before it runs a generated function. `docs/security.md` says what they are worth.
+
+Everywhere: address space, processor time, file size, processes, open files. On Linux besides: no network namespace, no
+new privileges, and a system call filter that leaves memory, clocks, one pipe and the end; everything else is refused.
+"""
+
+import ctypes
+import os
+import platform
+import resource
+import struct
+from typing import Literal
+
+from porse.functions.read.limits import Limits
+
+_CLONE_NEWNET = 0x40000000
+_CLONE_NEWUSER = 0x10000000
+_PR_SET_PDEATHSIG = 1
+_PR_SET_NO_NEW_PRIVS = 38
+_PR_SET_SECCOMP = 22
+_SECCOMP_MODE_FILTER = 2
+_EPERM = 1
+
+_AUDIT = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
+# read, write, close, fstat, lseek, mmap, mprotect, munmap, brk, rt_sigaction, rt_sigprocmask, rt_sigreturn,
+# sched_yield, mremap, madvise, getpid, exit, gettid, futex, clock_gettime, clock_nanosleep, exit_group, getrandom,
+# restart_syscall, sigaltstack, getrusage, sched_getaffinity
+_CALLS = {
+    "x86_64": (0, 1, 3, 5, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 28, 39, 60, 186, 202, 228, 230, 231, 318, 219, 131, 98, 204),
+    "aarch64": (63, 64, 57, 80, 62, 222, 226, 215, 214, 134, 135, 139, 124, 216, 233, 172, 93, 178, 98, 113, 115, 94, 278,
+                128, 132, 165, 123),
+}  # fmt: skip
+
+
+class _Program(ctypes.Structure):
+    """The kernel's struct sock_fprog."""
+
+    _fields_ = [("length", ctypes.c_ushort), ("filter", ctypes.c_char_p)]
+
+
+def seal() -> None:
+    """Takes the network from this process and its children, and ends it with its parent, where the system lets it."""
+    libc = _libc()
+    if libc is not None:
+        libc.prctl(_PR_SET_PDEATHSIG, 9, 0, 0, 0)
+        if libc.unshare(_CLONE_NEWNET) != 0:
+            libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
+
+
+def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
+    """Limits this process for good and closes every open file but `keep`.
+
+    Returns:
+        "filtered" when the system calls are filtered too, "limited" where the system has no such filter.
+    """
+    used = _address_space()
+    pairs = {
+        resource.RLIMIT_AS: used + limits.memory_mib * 2**20,
+        resource.RLIMIT_CPU: limits.cpu_s,
+        resource.RLIMIT_FSIZE: 0,
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_NPROC: 0,
+    }
+    os.closerange(0, keep)
+    os.closerange(keep + 1, 65536)
+    for kind, value in pairs.items():
+        hard = resource.getrlimit(kind)[1]
+        soft = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        # One second of processor time past the limit is left, so that the process ends with a signal of its own.
+        more = soft + (kind == resource.RLIMIT_CPU)
+        resource.setrlimit(kind, (soft, more if hard == resource.RLIM_INFINITY else min(more, hard)))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
+    return "filtered" if _filter_calls() else "limited"
+
+
+def _filter_calls() -> bool:
+    """Refuses, from now on, every system call that is not in `_CALLS`; returns whether the system could."""
+    libc, machine = _libc(), platform.machine()
+    if libc is None or machine not in _CALLS:
+        return False
+    calls = _CALLS[machine]
+    load, jump_if_equal, jump_if_at_least, finish = 0x20, 0x15, 0x35, 0x06
+    allow, refuse, kill = 0x7FFF0000, 0x00050000 | _EPERM, 0x80000000
+    program = [
+        (load, 0, 0, 4),
+        (jump_if_equal, 1, 0, _AUDIT[machine]),
+        (finish, 0, 0, kill),
+        (load, 0, 0, 0),
+        (jump_if_at_least, len(calls), 0, 0x40000000),
+        *[(jump_if_equal, len(calls) - index, 0, call) for index, call in enumerate(calls)],
+        (finish, 0, 0, refuse),
+        (finish, 0, 0, allow),
+    ]
+    code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
+    libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
+    if libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
+        return False
+    filtered = _Program(len(program), code)
+    return libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(filtered), 0, 0) == 0
+
+
+def _libc() -> ctypes.CDLL | None:
+    try:
+        libc = ctypes.CDLL(None, use_errno=True)
+    except OSError:
+        return None
+    return libc if hasattr(libc, "prctl") and hasattr(libc, "unshare") else None
+
+
+def _address_space() -> int:
+    """Returns the bytes of address space that this process has taken."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[0]) * resource.getpagesize()
+    except OSError:
+        return 8 * 2**30

@@ -1,0 +1,211 @@
+"""The first runs of an operator list, on real states, on more environments and on disturbed states, and their verdict.
+
+It is tried in a process that has never run the function itself, so that no trick of Python reaches the one who judges.
+"""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any, get_args
+
+import torch
+from torch import Tensor
+
+from porse.functions.run import sleef
+from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
+from porse.functions.run.operators import base_of
+from porse.functions.run.program import Program, read_program, reads
+from porse.functions.run.shapes import FEW, mixing, shapes_of
+from porse.functions.verdict import CodeError, Verdict, words
+
+_SCALES = (0.01, 0.1, 1.0, 10.0)
+"""Sizes of the disturbances that an output must react to, times the spread of each variable, or times 1."""
+_MANY = 2048
+"""Environments of the second run: it shows what memory and time grow with."""
+_LARGEST = 1e8
+"""Largest value of a result: PPO squares sums of a hundred rewards in float32, which ends at 3e38."""
+_SHAPES_ONLY = words("zeros_like ones_like full_like new_zeros new_ones new_full")
+"""Operators that take a shape from a tensor, and no number."""
+_STEPS = words("""
+    all any argmax argmin argsort ceil clamp clamp_max clamp_min clip count_nonzero eq floor floor_divide ge greater
+    greater_equal gt heaviside isclose le less less_equal logical_and logical_not logical_or logical_xor lt
+    masked_fill max maximum min minimum ne not_equal relu relu6 round sgn sign signbit threshold trunc where
+    hardtanh hardsigmoid
+    """)
+"""Operators whose results may stay the same over most states, and still tell some from others."""
+
+Loaded = RewardFunction | MappingFunction
+
+
+def try_program(text: str, values: Mapping[str, Any], line: int) -> Verdict:
+    """Returns the verdict on one operator list.
+
+    Args:
+        text: the list.
+        values: the value of each variable in real states.
+        line: the line that the verdict is about where nothing else is known.
+    """
+    try:
+        program = read_program(text)
+        load = load_reward if program.kind == "reward" else load_mapping
+        with torch.inference_mode():
+            warning = _check_runs(load(text, True), values)
+            load(text, False)(values)
+    except CodeError as error:
+        return Verdict(False, error.check, str(error), line)
+    except MemoryError:
+        return Verdict(False, "memory", "the function needs more memory than it may use", line)
+    return Verdict(True, "ok", "", 0, program.names, program.rises, warning, text)
+
+
+def _check_runs(function: Loaded, values: Mapping[str, Any]) -> str:
+    """Returns a warning, or "", after all runs."""
+    program = function.program
+    if not program.variables:
+        raise CodeError("constant", "the function reads no state of the task, so its output never changes")
+    outputs = _outputs(function, values)
+    for name, output in outputs.items():
+        _check_finite(name, output, program, values)
+    for name, output in outputs.items():
+        _check_size(name, output, program)
+    _outputs(function, {n: _tiled(n, v) for n, v in values.items()})
+    _check_reacts(function, values, outputs)
+    return _check_rows(function, values, outputs)
+
+
+def _outputs(function: Loaded, values: Mapping[str, Any]) -> dict[str, Tensor]:
+    """Returns every output by name, the total reward as ""."""
+    if isinstance(function, RewardFunction):
+        total, components = function(values)
+        return {**components, "": total}
+    progress, _, names = function(values)
+    return dict(zip(names, progress, strict=True))
+
+
+def _tiled(name: str, value: Any) -> Any:
+    """Returns the values of `_MANY` environments: the same states again and again."""
+    if isinstance(value, Tensor):
+        rounds = -(-_MANY // value.shape[0])
+        return value.repeat(rounds, *[1] * (value.dim() - 1))[:_MANY]
+    return _MANY if name == "num_envs" else value
+
+
+def _check_finite(name: str, output: Tensor, program: Program, values: Mapping[str, Any]) -> None:
+    bad = ~torch.isfinite(output)
+    if not bool(bad.any()):
+        return
+    index = int(bad.nonzero()[0, 0])
+    kind = "NaN" if bool(torch.isnan(output[index])) else "infinity"
+    share = 100.0 * float(bad.float().mean())
+    example = ", ".join(f"{n} = {_numbers(values[n][index])}" for n in program.variables)
+    message = (
+        f"{_what(name, program)} is {kind} on {share:.1f} % of real states, for example where {example[:600]};"
+        " guard the division, root, logarithm or arc that makes it"
+    )
+    raise CodeError("finite", message)
+
+
+def _check_size(name: str, output: Tensor, program: Program) -> None:
+    largest = float(output.abs().max())
+    if largest > _LARGEST:
+        raise CodeError(
+            "large",
+            f"expected values of at most {_LARGEST:g}, found {largest:.3g} in {_what(name, program)} on real states, which no"
+            " policy can learn from; divide by the scale of its terms",
+        )
+
+
+def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
+    """Refuses outputs of which no row changes however its variables are disturbed.
+
+    Single components may be constant in these states: a bonus that nobody has earned yet. What compares or clamps may
+    be constant in all states tried here, and still tell others apart; what does neither is.
+    """
+    program = function.program
+    results = dict(
+        zip(["", *program.names] if program.kind == "reward" else program.names, program.results, strict=True)
+    )
+    suspects = [name for name in outputs if not name or program.kind == "mapping"]
+    generator = torch.Generator().manual_seed(0)
+    for scale in _SCALES:
+        disturbed = {n: _disturb(v, scale, generator) for n, v in values.items()}
+        try:
+            found = _outputs(function, disturbed)
+        except CodeError:
+            continue
+        suspects = [n for n in suspects if bool((found[n] == outputs[n]).all())]
+    for name in suspects:
+        if not _may_step(program, results[name]):
+            raise CodeError(
+                "constant", f"{_what(name, program)} is the same number in all states, whatever the variables are"
+            )
+
+
+def _may_step(program: Program, result: int) -> bool:
+    """Whether a result hangs on numbers of a variable through an operator that compares, clamps or chooses."""
+    made, held = program.first_made, dict.fromkeys(range(len(program.variables)), False)
+    for step in program.steps:
+        base = base_of(step.operator)
+        sources = [held[index] for index in reads(step) if index in held]
+        if sources and base not in _SHAPES_ONLY:
+            held |= dict.fromkeys(range(made, made + step.makes), any(sources) or base in _STEPS)
+        made += step.makes
+    return held.get(result, False)
+
+
+def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> str:
+    """Returns a warning where an environment's results hang on the other environments.
+
+    Raises:
+        CodeError: they do because shapes met by accident, and made something for every pair of them; check "shape".
+    """
+    program = function.program
+    count = values["num_envs"] // 2
+    some = {n: v[:count] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
+    found = _outputs(function, some)
+    mixed = [
+        n for n, v in outputs.items() if not torch.allclose(v[:count], found[n], rtol=1e-3, atol=1e-5, equal_nan=True)
+    ]
+    if not mixed:
+        return ""
+    tensors = {name: values[name] for name in program.variables}
+    step = mixing(program, *(shapes_of(program, tensors, few) for few in FEW))
+    if step is not None:
+        raise CodeError(
+            "shape",
+            f"{_what(mixed[0], program)} of one environment depends on all others, because a step makes a number for every"
+            " pair of environments, (num_envs, num_envs); shapes such as (num_envs, 1) and (num_envs,) met: keep every"
+            " tensor (num_envs,), with a[:, 0] in place of a[:, 0:1] and without keepdim",
+        )
+    return (
+        f"{_what(mixed[0], program)} of one environment depends on the other environments (a mean, a maximum or a rank over"
+        " all of them): it means something else for another number of environments"
+    )
+
+
+def _disturb(value: Any, scale: float, generator: torch.Generator) -> Any:
+    if not isinstance(value, Tensor):
+        return value
+    noise = torch.randn(value.shape, generator=generator)
+    if value.is_floating_point():
+        spread = (value - value.mean(0, keepdim=True)).abs().amax().nan_to_num(1.0, 1.0, 1.0)
+        return value + scale * noise * spread.clamp(min=1.0)
+    return (value + (scale * 10 * noise.abs()).to(value.dtype)).to(value.dtype)
+
+
+def _what(name: str, program: Program) -> str:
+    if program.kind == "mapping":
+        return f"the progress variable {name}"
+    return f"the component {name}" if name else "the total reward"
+
+
+def _numbers(value: Tensor) -> str:
+    """Returns the first numbers of a tensor, four digits each."""
+    text = ", ".join(f"{float(number):.4g}" for number in value.reshape(-1)[:8])
+    return text if value.dim() == 0 else f"[{text}{', ...' if value.numel() > 8 else ''}]"
+
+
+def make_sleef() -> None:
+    """Has Sleef's operators made, so that no list needs to make them later."""
+    if sleef.is_needed():
+        for function, precision in product(get_args(sleef.Function), get_args(sleef.Precision)):
+            sleef.operator(function, precision)
