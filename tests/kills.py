@@ -4,6 +4,7 @@
 each to FOLDER/kills.jsonl, and prints what came out. Started again with the same folder, it goes on. For tests.
 """
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -156,8 +157,12 @@ def _ended(how: str, process: subprocess.Popen[str], project: Path, dvc_alone: b
     while living(project) and time.monotonic() - killed < WAIT_S:
         time.sleep(0.01)
     after, left = time.monotonic() - killed, living(project)
+    for number in left:
+        # Counted once: they would be found again after the next kill, and they hold the output open.
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
     assert process.stdout is not None
-    said = [] if left else mended(process.stdout.read())
+    said = mended(process.stdout.read())
     process.stdout.close()
     return Kill(how, round(after, 3), len(left), said)
 
