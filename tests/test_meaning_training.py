@@ -138,11 +138,11 @@ def test_epoch_means_weigh_every_step_alike():
 
 def test_one_environment_whose_goal_is_not_finite_ends_the_training():
     def goal(task, variables):
-        late = torch.tensor([0.0, float("nan"), 2.0, 3.0])
-        return late, {"late": late, "fine": torch.ones(4)}
+        late = torch.tensor([0.0, float("nan"), 2.0])
+        return late, {"late": late, "fine": torch.ones(3)}
 
-    # one of four
-    with pytest.raises(CandidateFailed, match=r"not finite in 25\.0% of the environments \(components: late\)"):
+    # one of three
+    with pytest.raises(CandidateFailed, match=r"not finite in 33\.3% of the environments \(components: late\)"):
         Reward(goal, NoBonus(), 0.7, 2.0).pay(Task())
 
 
@@ -293,9 +293,10 @@ def test_a_training_draws_from_a_generator_that_its_seed_names(pencil):
 
 
 def test_an_epoch_is_so_many_steps_and_its_fitness_that_of_its_last(pencil):
-    task, told = Task(), []
-    rows = trainer(pencil, 5, task).train(2, lambda epoch, fitness: told.append((epoch, fitness)))
+    task, told, begun = Task(), [], []
+    rows = trainer(pencil, 5, task).train(2, lambda epoch, fitness: told.append((epoch, fitness)), begun.append)
     assert task.steps == 6
+    assert begun == [1, 2]
     assert told == [(1, 103.0), (2, 106.0)]
     assert [(row.epoch, row.value) for row in rows if row.series == "fitness"] == told
     assert [row.epoch for row in rows if row.series == "goal"] == [1, 2]
@@ -303,7 +304,7 @@ def test_an_epoch_is_so_many_steps_and_its_fitness_that_of_its_last(pencil):
 
 def test_a_checkpoint_holds_the_epoch_the_learning_rate_and_the_generator(pencil, tmp_path):
     first = trainer(pencil, 5)
-    first.train(1, lambda *_: None)
+    first.train(1, lambda *_: None, lambda _: None)
     first._ppo.learning_rate = 0.00321
     first.save(tmp_path / "c.safetensors")
     torch.manual_seed(0)
@@ -354,7 +355,7 @@ def made(monkeypatch):
         def load(self, path):
             seen["start"] = path
 
-        def train(self, until, progress):
+        def train(self, until, progress, before):
             seen["until"] = until
             return []
 
@@ -512,9 +513,10 @@ def test_a_rung_trains_the_younger_ones_that_did_not_fail_and_nobody_else(small,
     train_rung(read_pool(tmp_path / "in"), small, 3, "2", 4, tmp_path / "out")
     [jobs] = pretended.jobs
     assert [(entry.name, entry.start.stem, entry.until) for entry in jobs] == [
+        # the longest first
         ("fresh", "fused", 4),
-        ("half", "half", 4),
         ("bad", "fused", 4),
+        ("half", "half", 4),
     ]
     after = read_pool(tmp_path / "out")
     assert [(r["candidate_id"], r["epochs"], r["policy"], r["failure"]) for r in after.candidates] == [
@@ -558,9 +560,12 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
         (4, "second", 2, 6, 6.0),
     ]
     links = pretended.jobs
-    assert [[entry.name for entry in jobs] for jobs in links] == [["first"] * 2, ["second"] * 2]
     for number in (1, 2):
         run_seed = named(f'[5,"evaluate",{number}]')
+        assert [jobs[number - 1].name for jobs in links] == [
+            f"first with seed {run_seed}",
+            f"second with seed {run_seed}",
+        ]
         assert links[0][number - 1].seed == named(f'[{run_seed},"training",1]')
         assert links[1][number - 1].seed == named(f'[{run_seed},"training",4]')
         start = read_checkpoint(links[0][number - 1].start).arrays

@@ -115,7 +115,7 @@ def test_a_component_that_is_not_finite_ends_the_training_by_its_name(small, sma
 def test_a_list_that_is_none_is_the_candidates_failure(small, small_start, tmp_path):
     broken = dataclasses.replace(job(small_start, tmp_path / "x.safetensors"), reward_program="{}")
     outcome = train_candidate(broken, small, lambda *_: None)
-    assert outcome.failure.startswith("expected an operator list")
+    assert outcome.failure.startswith("its function cannot be run: expected an operator list")
 
 
 def candidate_row(name, reward, slot):
