@@ -71,6 +71,8 @@ class LlmParams(Section):
     temperature: Annotated[float, Range(0.0, 2.0)]
     top_p: Annotated[float, Range(1e-6, 1.0)]
     max_tokens: Annotated[int, Range(1, 10**7)]
+    max_usd: NonNegative | None
+    max_requests: Annotated[int, Range(0)] | None
     profiles: Mapping[str, Profile]
 
     @property

@@ -39,7 +39,7 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
     Args:
         value: what the document holds.
         kind: a dataclass, `Annotated` number, `Literal`, `Sequence` (at least one entry), `tuple` (any number of entries),
-            `Mapping`, `Any` (whatever JSON can hold), or plain type.
+            `Mapping`, `Any` (whatever JSON can hold), or plain type; or one of these `| None`.
         name: the value's dotted name; empty for the document.
         where: names the document in errors.
 
@@ -47,6 +47,9 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
         ParamsError: a value is missing, unknown, mistyped or out of range.
     """
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if type(None) in arguments and origin is not Literal:
+        kinds = [other for other in arguments if other is not type(None)]
+        return None if value is None else convert(value, kinds[0], name, where)
     if origin is Annotated:
         number, bounds = convert(value, arguments[0], name, where), arguments[1]
         if not bounds.low <= number <= bounds.high:

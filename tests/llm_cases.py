@@ -47,10 +47,12 @@ def questions(count: int, **changes: Any) -> list[Question]:
     return [Question(request(sample=k, **changes), Origin("generate", 1, f"reward {k + 1}")) for k in range(count)]
 
 
-def params(base_url: str = "", **changes: Any) -> LlmParams:
-    """Returns the llm section with one profile, some of whose fields are changed."""
+def params(
+    base_url: str = "", max_usd: float | None = None, max_requests: int | None = None, **changes: Any
+) -> LlmParams:
+    """Returns the llm section with these budgets and one profile, some of whose fields are changed."""
     profile = Profile("test-model", (), "max_tokens", (), {}, base_url, "", 2.0, 10.0)
-    return LlmParams("local", 0.5, 0.9, 100, {"local": dataclasses.replace(profile, **changes)})
+    return LlmParams("local", 0.5, 0.9, 100, max_usd, max_requests, {"local": dataclasses.replace(profile, **changes)})
 
 
 def new_store(directory: Path) -> Store:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from porse.errors import ParamsError, ProviderError
+from porse.errors import ProviderError
 from porse.llm import provider
 from porse.llm.ask import ask
 from porse.llm.ledger import Spending, Totals, ledger_path, most_tokens, totals
@@ -49,10 +49,10 @@ def recording(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provider, "FIRST_DELAY_S", 0.01)
 
 
-def stopped(server: ChatServer, store: Store, count: int) -> str:
+def stopped(server: ChatServer, store: Store, count: int, **budget: float) -> str:
     """Returns the message with which a recording of so many questions ends."""
     with pytest.raises(ProviderError) as caught:
-        ask(questions(count), params(server.url), store.cache_dir)
+        ask(questions(count), params(server.url, **budget), store.cache_dir)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -67,52 +67,44 @@ def test_the_most_that_a_prompt_can_hold_is_a_token_for_each_byte() -> None:
 
 
 def test_a_number_of_requests_is_not_passed(server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "3")
-    message = stopped(server, store, 5)
+    message = stopped(server, store, 5, max_requests=3)
     assert "found 2 failures" in message
-    assert "PORSE_LLM_MAX_REQUESTS is 3, and 3 requests are sent" in message
+    assert "llm.max_requests of params.yaml is 3, and 3 requests are sent" in message
     assert "All other replies are recorded" in message
     assert (len(server.requests), recorded(store)) == (3, 3)
-    stopped(server, store, 5)
+    stopped(server, store, 5, max_requests=3)
     assert len(server.requests) == 3, "the same command again has no budget of its own"
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "5")
-    assert len(ask(questions(5), params(server.url), store.cache_dir)) == 5
+    assert len(ask(questions(5), params(server.url, max_requests=5), store.cache_dir)) == 5
     assert len(server.requests) == 5
 
 
 def test_a_sum_is_not_passed(server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     # Beside one question under way, no second one fits. After n replies 0.0003 n are spent, and one more may cost 0.00116:
     # the fourth would fit into 0.00206 and not into 0.0020.
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "0.0020")
     server.delay_s = 0.02
-    message = stopped(server, store, 6)
-    assert "PORSE_LLM_MAX_USD is 0.002, 0.000900 USD are spent" in message
+    message = stopped(server, store, 6, max_usd=0.0020)
+    assert "llm.max_usd of params.yaml is 0.002, 0.000900 USD are spent" in message
     assert "one more request costs up to 0.001160" in message
     assert (len(server.requests), recorded(store), server.most_busy) == (3, 3, 1)
     assert totals(store) == Totals(Spending(3, 150, 60, pytest.approx(3 * REPLY_USD)), 3, {})
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "0.0021")
-    stopped(server, store, 6)
+    stopped(server, store, 6, max_usd=0.0021)
     assert recorded(store) == 4
-    monkeypatch.delenv("PORSE_LLM_MAX_USD")
     assert len(ask(questions(6), params(server.url), store.cache_dir)) == 6
 
 
 def test_a_budget_with_room_lets_requests_run_side_by_side(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "1")
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "12")
     server.delay_s = 0.05
-    assert len(ask(questions(12), params(server.url), store.cache_dir)) == 12
+    assert len(ask(questions(12), params(server.url, max_usd=1.0, max_requests=12), store.cache_dir)) == 12
     assert server.most_busy == 4
 
 
 def test_a_longer_reply_is_part_of_the_budget(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "1")
     server.script = [replying("cut", "length")]
-    assert "PORSE_LLM_MAX_REQUESTS" in stopped(server, store, 1)
+    assert "llm.max_requests" in stopped(server, store, 1, max_requests=1)
     assert [sent["body"]["max_tokens"] for sent in server.requests] == [100]
     assert recorded(store) == 1, "what is paid for is kept"
 
@@ -120,9 +112,8 @@ def test_a_longer_reply_is_part_of_the_budget(
 def test_attempts_that_fail_are_requests_and_cost_nothing(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "2")
     server.script = [failing(500)] * 3
-    assert "PORSE_LLM_MAX_REQUESTS is 2" in stopped(server, store, 1)
+    assert "llm.max_requests of params.yaml is 2" in stopped(server, store, 1, max_requests=2)
     assert len(server.requests) == 2
     assert totals(store) == Totals(Spending(0, 0, 0, 0.0), 2, {})
 
@@ -145,9 +136,8 @@ def test_a_request_that_was_never_answered_may_have_been_paid_for(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PORSE_LLM_TIMEOUT_S", "0.3")
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "0.0020")
     server.script = [slow_headers]
-    assert "0.001160 may have been" in stopped(server, store, 1)
+    assert "0.001160 may have been" in stopped(server, store, 1, max_usd=0.0020)
     assert len(server.requests) == 1
     assert list(totals(store).reserved.values()) == [pytest.approx(MOST_USD)]
 
@@ -158,26 +148,14 @@ def test_a_request_that_was_never_sent_costs_nothing(store: Store) -> None:
     assert totals(store) == Totals(Spending(0, 0, 0, 0.0), 3, {})
 
 
-@pytest.mark.parametrize("name", ["MAX_USD", "MAX_REQUESTS"])
-@pytest.mark.parametrize("value", ["0", "-1", "much", "nan"])
-def test_a_budget_out_of_range_is_named(
-    server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch, name: str, value: str
-) -> None:
-    monkeypatch.setenv(f"PORSE_LLM_{name}", value)
-    with pytest.raises(ParamsError, match=f"Expected PORSE_LLM_{name} to be .* found '{value}'"):
-        ask(questions(1), params(server.url), store.cache_dir)
-    assert server.requests == []
-
-
 def test_a_budget_changes_nothing_where_nothing_is_asked(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replies = ask(questions(3), params(server.url), store.cache_dir)
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "1")
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "0.0000001")
-    assert ask(questions(3), params(server.url), store.cache_dir) == replies
+    nothing = params(server.url, max_usd=0.0, max_requests=0)
+    assert ask(questions(3), nothing, store.cache_dir) == replies
     monkeypatch.setenv("PORSE_LLM_MODE", "frozen")
-    assert ask(questions(3), params(server.url), store.cache_dir) == replies
+    assert ask(questions(3), nothing, store.cache_dir) == replies
 
 
 def test_a_ledger_of_an_earlier_version_and_a_line_that_was_cut_off_are_read(
@@ -188,8 +166,7 @@ def test_a_ledger_of_an_earlier_version_and_a_line_that_was_cut_off_are_read(
     ledger_path(store).write_text(f'{json.dumps(old)}\n{{"request": "a", "reserved_u')
     ask(questions(1), params(server.url), store.cache_dir)
     assert totals(store) == Totals(Spending(2, 57, 25, pytest.approx(0.5 + REPLY_USD)), 2, {})
-    monkeypatch.setenv("PORSE_LLM_MAX_USD", "0.5")
-    assert "PORSE_LLM_MAX_USD is 0.5" in stopped(server, store, 2)
+    assert "llm.max_usd of params.yaml is 0.5" in stopped(server, store, 2, max_usd=0.5)
 
 
 ASK = """
@@ -201,7 +178,7 @@ from tests.llm_cases import params, questions
 
 first = int(sys.argv[3])
 try:
-    ask(questions(first + 10)[first:], params(sys.argv[1]), Path(sys.argv[2]))
+    ask(questions(first + 10)[first:], params(sys.argv[1], max_requests=13), Path(sys.argv[2]))
 except ProviderError as error:
     sys.exit(str(error))
 """
@@ -210,12 +187,11 @@ except ProviderError as error:
 def test_processes_side_by_side_do_not_pass_a_budget_together(
     server: ChatServer, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PORSE_LLM_MAX_REQUESTS", "13")
     server.delay_s = 0.02
     start = [sys.executable, "-c", ASK, server.url, str(store.cache_dir)]
     both = [subprocess.Popen([*start, first], cwd=ROOT, stderr=subprocess.PIPE, text=True) for first in ("0", "10")]
     errors = [process.communicate()[1] for process in both]
-    assert any("PORSE_LLM_MAX_REQUESTS is 13, and 13 requests are sent" in error for error in errors)
+    assert any("llm.max_requests of params.yaml is 13, and 13 requests are sent" in error for error in errors)
     assert len(server.requests) == 13
     assert recorded(store) == 13
     assert totals(store).requests == 13

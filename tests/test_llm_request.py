@@ -121,9 +121,7 @@ def test_base_url_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert request().key == REQUEST.key
 
 
-@pytest.mark.parametrize(
-    "name", ["TIMEOUT_S", "STAGE_TIMEOUT_S", "CONCURRENCY", "ATTEMPTS", "MODE", "MAX_USD", "MAX_REQUESTS"]
-)
+@pytest.mark.parametrize("name", ["TIMEOUT_S", "STAGE_TIMEOUT_S", "CONCURRENCY", "ATTEMPTS", "MODE"])
 def test_transport_does_not(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(f"PORSE_LLM_{name}", "7")
     assert request().key == REQUEST.key

@@ -63,7 +63,8 @@ def curve(name, values, series="fitness", first=1):
 def candidate(name, slot=0, **changes):
     values = {
         "iteration": 3, "slot": slot, "candidate_id": name, "origin": "new", "reward_key": "rk", "mapping_key": "mk",
-        "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "beta": 0.7, "alpha": 0.3,
+        "reward_source": f"reward {name}", "mapping_source": f"mapping {name}", "reward_program": f"reward list {name}",
+        "mapping_program": f"mapping list {name}", "beta": 0.7, "alpha": 0.3,
         "policy": "fused", "epochs": 45,
     }  # fmt: skip
     return row_of(tables.CANDIDATES, **{**values, **changes})
@@ -467,13 +468,18 @@ def test_a_mutant_that_is_in_the_pool_already_is_no_mutant(params, start, root, 
 
 def test_pairs_are_of_one_slot_and_the_elites_fill_the_last_ones(params):
     three = changed(params, generate={"candidates": 3, "elites": 1}, candidate={"beta": 0.7, "alpha": 0.3})
-    functions = [Function(kind, slot, f"{kind[0]}k{slot}", f"{kind} {slot}") for kind in ("mapping", "reward") for slot in (1, 0)]  # fmt: skip
+    functions = [Function(kind, slot, f"{kind[0]}k{slot}", f"{kind} {slot}", f"{kind} list {slot}") for kind in ("mapping", "reward") for slot in (1, 0)]  # fmt: skip
     before = candidate("w", iteration=2, beta=1.9, alpha=0.9)
     rows = first_pool(functions, before, {}, three, 3)
     assert [(r["slot"], r["origin"], r["parent_id"], r["reward_source"], r["mapping_source"]) for r in rows] == [
         (0, "new", "", "reward 0", "mapping 0"),
         (1, "new", "", "reward 1", "mapping 1"),
         (2, "elite", "w", "reward w", "mapping w"),
+    ]
+    assert [(r["reward_program"], r["mapping_program"]) for r in rows] == [
+        ("reward list 0", "mapping list 0"),
+        ("reward list 1", "mapping list 1"),
+        ("reward list w", "mapping list w"),
     ]
     assert [(r["reward_key"], r["mapping_key"]) for r in rows] == [("rk0", "mk0"), ("rk1", "mk1"), ("rk", "mk")]
     # everybody, the elite too, begins with the default weights
@@ -483,7 +489,7 @@ def test_pairs_are_of_one_slot_and_the_elites_fill_the_last_ones(params):
 
 def test_a_bred_candidate_names_its_parents_and_operator(params):
     two = changed(params, generate={"candidates": 2, "elites": 0})
-    functions = [Function("reward", slot, "k", f"reward {slot}") for slot in (0, 1)]
+    functions = [Function("reward", slot, "k", f"reward {slot}", "list") for slot in (0, 1)]
     bred_from = {0: Breeding(0, 1, "crossover", ("x", "y")), 1: Breeding(1, 0, "mutation", ("z",))}
     rows = first_pool(functions, None, bred_from, two, 2)
     assert [(row["origin"], row["parent_id"]) for row in rows] == [("crossover", "x+y"), ("mutation", "z")]

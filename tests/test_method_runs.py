@@ -18,7 +18,7 @@ from porse.generation.functions import Check
 from porse.generation.states import checker
 from porse.methods import ABLATIONS, METHODS
 from porse.search.schedule import total_epochs
-from porse.training.population import WORKERS_VARIABLE
+from porse.training.limits import WORKERS_VARIABLE
 from tiny import committed_params, dvc, make_project
 from warm_stages import warm_stages
 

@@ -155,7 +155,7 @@ def _next_messages(
     number = attempt.number + 1
     if _generation(number, params) > params.validate.max_fresh:
         raise SearchError(
-            f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message} Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
+            f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message.rstrip('.')}. Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
         )
     if number % (params.validate.max_repairs + 1) == 0:
         return conversation(brief, attempt.kind, attempt.slot)

@@ -193,13 +193,13 @@ class Account:
         found = self._totals
         if self._max_requests is not None and found.requests + 1 > self._max_requests:
             return (
-                f"PORSE_LLM_MAX_REQUESTS is {self._max_requests}, and {found.requests} requests are sent by "
+                f"llm.max_requests of params.yaml is {self._max_requests}, and {found.requests} requests are sent by "
                 f"{self._path}; raise it to go on"
             )
         if self._max_usd is not None and found.usd + most_usd > self._max_usd:
             spent, reserved = found.spending.cost_usd, sum(found.reserved.values())
             return (
-                f"PORSE_LLM_MAX_USD is {self._max_usd:g}, {spent:.6f} USD are spent and {reserved:.6f} may have been by "
+                f"llm.max_usd of params.yaml is {self._max_usd:g}, {spent:.6f} USD are spent and {reserved:.6f} may have been by "
                 f"{self._path}, and one more request costs up to {most_usd:.6f}; raise it to go on"
             )
         return ""

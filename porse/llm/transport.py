@@ -1,4 +1,4 @@
-"""How replies are got: everything that must not change what is asked, read from environment variables.
+"""How replies are got: what must not change what is asked, from environment variables and the budgets of `params.yaml`.
 
 | variable | meaning | default |
 | --- | --- | --- |
@@ -8,14 +8,12 @@
 | `PORSE_LLM_STAGE_TIMEOUT_S` | limit on all requests that a stage asks at once, in seconds | 3600 |
 | `PORSE_LLM_CONCURRENCY` | requests under way at once | 4 |
 | `PORSE_LLM_ATTEMPTS` | attempts at one request, the first among them | 6 |
-| `PORSE_LLM_MAX_USD` | what the ledger of this checkout may come to, in US dollars | no limit |
-| `PORSE_LLM_MAX_REQUESTS` | requests that the ledger of this checkout may come to | no limit |
 """
 
 import os
 import re
 from dataclasses import dataclass
-from typing import Literal, cast, get_args, overload
+from typing import Literal, cast, get_args
 
 from porse.config import LlmParams
 from porse.errors import ParamsError
@@ -96,8 +94,8 @@ def transport_from_environment(params: LlmParams) -> Transport:
         stage_timeout_s=_positive("PORSE_LLM_STAGE_TIMEOUT_S", 3600.0),
         concurrency=_count("PORSE_LLM_CONCURRENCY", 4),
         attempts=_count("PORSE_LLM_ATTEMPTS", 6),
-        max_usd=_positive("PORSE_LLM_MAX_USD", None),
-        max_requests=_count("PORSE_LLM_MAX_REQUESTS", None),
+        max_usd=params.max_usd,
+        max_requests=params.max_requests,
     )
 
 
@@ -120,11 +118,7 @@ def _api_key(profile: str, variable: str) -> str:
     return key
 
 
-@overload
-def _positive(variable: str, default: float) -> float: ...
-@overload
-def _positive(variable: str, default: None) -> float | None: ...
-def _positive(variable: str, default: float | None) -> float | None:
+def _positive(variable: str, default: float) -> float:
     text = os.environ.get(variable, "")
     if not text:
         return default
@@ -137,11 +131,7 @@ def _positive(variable: str, default: float | None) -> float | None:
     return value
 
 
-@overload
-def _count(variable: str, default: int) -> int: ...
-@overload
-def _count(variable: str, default: None) -> int | None: ...
-def _count(variable: str, default: int | None) -> int | None:
+def _count(variable: str, default: int) -> int:
     text = os.environ.get(variable, "")
     if text and not (text.isascii() and text.isdigit() and int(text) > 0):
         raise ParamsError(f"Expected {variable} to be a whole number above 0, found {text!r}.")
