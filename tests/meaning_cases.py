@@ -18,7 +18,8 @@ def changed(params: Params, **sections: dict[str, Any]) -> Params:
 
 def row_of(table: Table, **values: Any) -> Row:
     """Returns a row with these values, and neutral ones in every other column that the table declares."""
-    return {column.name: _NEUTRAL[str(column.type)] for column in table.columns} | values
+    neutral = {column.name: "id" if column.form == "id" else _NEUTRAL[str(column.type)] for column in table.columns}
+    return neutral | values
 
 
 def named(text: str) -> int:

@@ -290,7 +290,7 @@ def test_an_ablation_changes_what_its_name_says(ablation):
     assert params.generate.mappings == ("spliced" if ablation == "spliced-mapping" else "generator")
     assert params.generate.beyond_goal == (ablation == "beyond-goal")
     assert params.exploration.cells == CELLS.get(ablation, 1000)
-    assert params.llm.profile == ("gpt-4o-mini" if ablation == "gpt-4o-mini" else "by-hand")
+    assert params.llm.profile == ("gpt-4o-mini" if ablation == "gpt-4o-mini" else "offline")
 
 
 def test_what_is_fixed_is_never_varied():
