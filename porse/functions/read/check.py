@@ -13,7 +13,7 @@ from typing import NoReturn
 from porse.functions.contract import ATTRIBUTES, BUILTINS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
 from porse.functions.read.allowed import ERRORS, is_module, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import Source, all_arguments, defaults, is_class, takes_self
+from porse.functions.read.source import Source, arguments, is_class, takes_self
 from porse.functions.verdict import Check, CodeError, words
 from porse.variables import Variable
 
@@ -49,8 +49,9 @@ def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
     given = source.main.args
     if given.vararg or given.kwarg:
         _refuse("arguments with * or ** are not allowed; name the variables", source.main)
-    for argument in all_arguments(source.main):
-        if argument.arg not in variables and argument.arg not in defaults(source.main):
+    required = {name for name, default in arguments(source.main).items() if default is None} - {"self"}
+    for argument in ast.walk(given):
+        if isinstance(argument, ast.arg) and argument.arg in required - variables.keys():
             raise _unknown_variable(argument.arg, variables, argument.lineno)
     for statement in source.tree.body:
         _Visitor(source, variables, statement).visit(statement)
@@ -97,7 +98,7 @@ class _Visitor(ast.NodeVisitor):
         self._variables = variables
         self._statement = statement
         self._has_self = isinstance(statement, ast.FunctionDef) and takes_self(statement)
-        self._own = {function.name for function in source.functions} | source.constants.keys()
+        self._own = {function.name for function in source.functions} | source.constants
         self._local: set[str] = set()
         for node in ast.walk(statement) if isinstance(statement, ast.FunctionDef) else ():
             if isinstance(node, ast.arg):
@@ -118,7 +119,7 @@ class _Visitor(ast.NodeVisitor):
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
         _check_identifier(node.name, node)
         if node.decorator_list:
-            _refuse("an inner function has a decorator; it needs none", node)
+            _refuse("a function has a decorator; it needs none", node)
         _check_annotation(node.returns)
         for part in [node.args, *node.body]:
             self.visit(part)
@@ -178,7 +179,10 @@ class _Visitor(ast.NodeVisitor):
                 _refuse(f"{self._source.modules[name]} is not on the list of allowed functions", node)
             if is_module(found):
                 _refuse(f"the module {name} stands alone; name a function of it", node)
-        elif not (name in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr"} or self._is_class(node)):
+        elif not (
+            name in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr"}
+            or (is_class(node) and len(self._own) > 1)
+        ):
             near = _nearest(name, {*self._variables, *self._local, *BUILTINS, *HELPERS})
             hint = f"; the nearest known names are {near}" if near else ""
             _refuse(f"the name {name} is not defined and not allowed{hint}", node, "variable")
@@ -221,9 +225,6 @@ class _Visitor(ast.NodeVisitor):
         if node.arg in _KEYWORDS or not node.arg.isascii():
             _refuse(f"the keyword {node.arg} is not allowed", node)
         self.visit(node.value)
-
-    def _is_class(self, node: ast.Name) -> bool:
-        return is_class(node) and len(self._own) > 1  # it stands for what is beside the function
 
     def _path(self, node: ast.expr) -> str:
         """Returns the dotted path of an attribute chain that starts at a module's name, "" for anything else."""

@@ -20,7 +20,7 @@ import torch
 from porse.functions.contract import BUILTINS
 from porse.functions.read.allowed import ERRORS, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import Source, all_arguments, is_class, takes_self
+from porse.functions.read.source import Source, arguments, is_class, takes_self
 from porse.functions.verdict import CodeError
 
 FILE = "<function>"
@@ -95,7 +95,7 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     for function in source.functions:
         made = space[function.name]
         setattr(own, function.name, MethodType(made, own) if takes_self(function) else made)
-    given = {a.arg: values[a.arg] for a in all_arguments(source.main) if a.arg in values}
+    given = {name: values[name] for name in arguments(source.main) if name in values}
     main = getattr(own, source.main.name)
     return lambda: main(**given)
 

@@ -1,16 +1,14 @@
 """The stored source of a function: main function, helpers, constants, and the names of modules. Nothing of it is run here."""
 
 import ast
+import warnings
 from collections.abc import Container
 from dataclasses import dataclass
-from functools import cached_property
 
-from porse.functions.contract import MAX_SOURCE_LINES, MODULES
-from porse.functions.read.scan import parse_source
+from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES, MODULES
 from porse.functions.verdict import CodeError, words
 
 Import = ast.Import | ast.ImportFrom
-Assignment = ast.Assign | ast.AnnAssign
 
 DEFAULT_MODULES = {
     "torch": "torch", "math": "math", "F": "torch.nn.functional", "nn": "torch.nn", "np": "numpy", "numpy": "numpy",
@@ -29,24 +27,21 @@ class Source:
     """A parsed source.
 
     Attributes:
-        functions: its functions, the main one last.
-        constants: the module's and the classes' constants by name, in their order.
+        tree: its constants and functions, in their order; the main function comes last.
+        functions: the functions.
+        constants: the names of the module's and the classes' constants.
         modules: dotted path for each name that stands for a module or for something imported from one.
     """
 
-    functions: tuple[ast.FunctionDef, ...]
-    constants: dict[str, Assignment]
+    tree: ast.Module
+    functions: list[ast.FunctionDef]
+    constants: set[str]
     modules: dict[str, str]
 
     @property
     def main(self) -> ast.FunctionDef:
         """The function itself."""
         return self.functions[-1]
-
-    @cached_property
-    def tree(self) -> ast.Module:
-        """The constants, then the functions."""
-        return ast.Module(body=[*self.constants.values(), *self.functions], type_ignores=[])
 
     @property
     def last_line(self) -> int:
@@ -55,43 +50,66 @@ class Source:
         return max(lines, default=self.main.lineno)
 
 
+def parse_source(text: str) -> ast.Module:
+    """Returns the syntax tree of a text, at most so large and so deep.
+
+    Raises:
+        CodeError: it is no Python, or too large; check "syntax" with the line of the text.
+    """
+    hidden = next((c for c in text if c != "\n" and not c.isprintable()), "")
+    if hidden:
+        line = text[: text.index(hidden)].count("\n") + 1
+        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text)
+    except SyntaxError as error:
+        raise CodeError("syntax", f"{error.msg}: {(error.text or '').strip()[:200]}", error.lineno or 1) from None
+    except (ValueError, RecursionError, MemoryError):
+        raise CodeError("syntax", "it is too deeply nested, or holds a null character", 1) from None
+    count = 0
+    rest: list[tuple[ast.AST, int]] = [(tree, 0)]
+    while rest:  # without recursion, which could go too deep itself
+        node, depth = rest.pop()
+        count += 1
+        if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
+            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
+        rest += [(child, depth + 1) for child in ast.iter_child_nodes(node)]
+    return tree
+
+
 def parse(text: str) -> Source:
     """Returns the parts of a source.
 
     Raises:
         CodeError: it holds anything but imports of allowed modules, constants and functions.
     """
-    if text.count("\n") > MAX_SOURCE_LINES + 2 or len(text) > 400 * MAX_SOURCE_LINES:
-        raise CodeError("syntax", f"expected at most {MAX_SOURCE_LINES} lines of code, found {text.count(chr(10))}")
-    functions: dict[str, ast.FunctionDef] = {}
-    constants: dict[str, Assignment] = {}
-    modules = dict(DEFAULT_MODULES)
     tree = parse_source(text)
+    body: list[ast.stmt] = []
+    constants: set[str] = set()
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef):
-            if node.decorator_list:
-                raise CodeError("static", "decorators are not allowed in a stored function", node.lineno)
-            functions.pop(node.name, None)
-            functions[node.name] = node
-        elif isinstance(node, Assignment) and constant_of(node)[0]:
-            name, value = constant_of(node)
+        name, value = constant_of(node)
+        if value is not None:
             if name in _OF_EVERY_TASK:
                 continue
-            if value is None or not is_constant(value, constants):
+            if not is_constant(value, constants):
                 raise CodeError("static", f"the constant {name} is not computed from numbers alone", node.lineno)
-            constants.pop(name, None)
-            constants[name] = node
-        elif not isinstance(node, Import):
+            constants.add(name)
+        elif not isinstance(node, ast.FunctionDef | Import):
             raise CodeError("static", f"a {type(node).__name__} statement is not allowed beside functions", node.lineno)
+        body.append(node)
+    functions = [node for node in body if isinstance(node, ast.FunctionDef)]
     if not functions:
         raise CodeError("extract", "expected a function, found none")
+    modules = dict(DEFAULT_MODULES)
     for inner in ast.walk(tree):
         if isinstance(inner, Import):
             modules.update(import_names(inner))
-    return Source(tuple(functions.values()), constants, modules)
+    return Source(ast.Module(body, []), functions, constants, modules)
 
 
-def constant_of(node: ast.stmt) -> tuple[str, ast.expr | None]:
+def constant_of(node: ast.stmt | None) -> tuple[str, ast.expr | None]:
     """Returns the name and the value of an assignment to one name, an empty name for any other statement."""
     match node:
         case (
@@ -145,20 +163,14 @@ def import_names(node: Import) -> dict[str, str]:
     return names
 
 
-def all_arguments(function: ast.FunctionDef) -> list[ast.arg]:
-    """Returns the arguments of a function but `self`, in order."""
-    arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-    return arguments[1:] if arguments and arguments[0].arg == "self" else arguments
+def arguments(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
+    """Returns the arguments of a function by name, each with its default; `self` is one of them."""
+    given = function.args
+    names = [argument.arg for argument in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
+    required = len(given.posonlyargs) + len(given.args) - len(given.defaults)
+    return dict(zip(names, [*[None] * required, *given.defaults, *given.kw_defaults], strict=True))
 
 
 def takes_self(function: ast.FunctionDef) -> bool:
     """Whether `self` is a function's first argument."""
-    return bool(function.args.args) and function.args.args[0].arg == "self"
-
-
-def defaults(function: ast.FunctionDef) -> dict[str, ast.expr]:
-    """Returns the default values of arguments by name."""
-    given = function.args
-    found = dict(zip([a.arg for a in [*given.posonlyargs, *given.args]][::-1], given.defaults[::-1], strict=False))
-    pairs = zip(given.kwonlyargs, given.kw_defaults, strict=True)
-    return found | {a.arg: value for a, value in pairs if value is not None}
+    return next(iter(arguments(function)), "") == "self"
