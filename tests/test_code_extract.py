@@ -72,6 +72,11 @@ def test_unusual_imports_come_along():
     assert extract(reply, "reward").source.startswith("import torch.nn.functional as fn\n\ndef")
 
 
+def test_unusual_imports_of_several_lines_come_along():
+    reply = "from torch.nn.functional import (\n    relu,\n)\ndef compute_reward(a):\n    return relu(a), {}\n"
+    assert extract(reply, "reward").source.startswith("from torch.nn.functional import (\nrelu,\n)\n\ndef")
+
+
 @pytest.mark.parametrize(
     ("names", "chosen"),
     [

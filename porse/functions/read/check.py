@@ -35,9 +35,7 @@ _REASONS: dict[type[ast.AST], str] = {
 _RANDOM = words("torch.rand torch.randn torch.rand_like torch.randn_like torch.randint torch.randperm")
 _DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")
 _KEYWORDS = words("out names generator pin_memory memory_format layout")
-_ANNOTATION = (
-    ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.BitOr, ast.Constant, ast.Load,
-)  # fmt: skip
+_ANNOTATION = (ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.Constant)
 
 
 def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
@@ -83,11 +81,9 @@ def _check_annotation(node: ast.expr | None) -> None:
     """Accepts names of types; no annotation is ever evaluated, and what reads like code is refused so that it is seen."""
     for part in ast.walk(node) if node is not None else ():
         text = part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else ""
-        if not isinstance(part, _ANNOTATION) or not re.fullmatch(r"[\w.,| \[\]]*", text):
-            _refuse(
-                f"{type(part).__name__} is not allowed in an annotation",
-                part if hasattr(part, "lineno") else node or part,
-            )
+        is_type = isinstance(part, _ANNOTATION) or not isinstance(part, ast.expr)
+        if not is_type or not re.fullmatch(r"[\w.,| \[\]]*", text):
+            _refuse(f"{type(part).__name__} is not allowed in an annotation", part)
 
 
 class _Visitor(ast.NodeVisitor):
@@ -96,24 +92,18 @@ class _Visitor(ast.NodeVisitor):
     def __init__(self, source: Source, variables: Mapping[str, Variable], statement: ast.stmt) -> None:
         self._source = source
         self._variables = variables
-        self._statement = statement
         self._has_self = isinstance(statement, ast.FunctionDef) and takes_self(statement)
         self._own = {function.name for function in source.functions} | source.constants
         self._local: set[str] = set()
-        for node in ast.walk(statement) if isinstance(statement, ast.FunctionDef) else ():
-            if isinstance(node, ast.arg):
-                self._local.add(node.arg)
-            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                self._local.add(node.id)
-            elif isinstance(node, ast.FunctionDef) and node is not statement:
-                self._local.add(node.name)
-        self._local.discard("self")
+        for node in ast.walk(statement):
+            match node:
+                case ast.arg(name) | ast.Name(name, ast.Store()) | ast.FunctionDef(name) if name != "self":
+                    self._local.add(name)
 
     def generic_visit(self, node: ast.AST) -> None:
         """Refuses what is not on the list, and goes on below what is."""
         if not isinstance(node, _PLAIN):
-            reason = _REASONS.get(type(node), f"{type(node).__name__} is not allowed")
-            _refuse(reason, node if hasattr(node, "lineno") else self._statement)
+            _refuse(_REASONS.get(type(node), f"{type(node).__name__} is not allowed"), node)
         super().generic_visit(node)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
@@ -146,10 +136,12 @@ class _Visitor(ast.NodeVisitor):
             self.visit(statement)
 
     def visit_Raise(self, node: ast.Raise) -> None:
-        if not isinstance(node.exc, ast.Call) or getattr(node.exc.func, "id", "") not in ERRORS or node.cause:
-            _refuse(_REASONS[ast.Raise], node)
-        for part in [*node.exc.args, *node.exc.keywords]:
-            self.visit(part)
+        match node:
+            case ast.Raise(ast.Call(ast.Name(name), given, []), None) if name in ERRORS:
+                for part in given:
+                    self.visit(part)
+            case _:
+                _refuse(_REASONS[ast.Raise], node)
 
     def visit_Constant(self, node: ast.Constant) -> None:
         """Refuses odd and huge literals, devices, and texts that reach for the inside of objects when they are formatted."""
@@ -166,7 +158,7 @@ class _Visitor(ast.NodeVisitor):
 
     def visit_Name(self, node: ast.Name) -> None:
         name, is_read = node.id, isinstance(node.ctx, ast.Load)
-        found = offered(self._source.modules.get(name, ""))
+        path = self._source.modules.get(name, "")
         if name == "self" and not isinstance(node.ctx, ast.Store):
             if not self._has_self:
                 _refuse("self is read, but is not the first argument", node)
@@ -174,11 +166,10 @@ class _Visitor(ast.NodeVisitor):
             _check_identifier(name, node)
         elif name in self._own:
             return
-        elif name in self._source.modules:
-            if found is None:
-                _refuse(f"{self._source.modules[name]} is not on the list of allowed functions", node)
-            if is_module(found):
-                _refuse(f"the module {name} stands alone; name a function of it", node)
+        elif is_module(offered(path)):
+            _refuse(f"the module {name} stands alone; name a function of it", node)
+        elif path:
+            self._check_path(path, node)
         elif not (
             name in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr"}
             or (is_class(node) and len(self._own) > 1)
@@ -186,6 +177,10 @@ class _Visitor(ast.NodeVisitor):
             near = _nearest(name, {*self._variables, *self._local, *BUILTINS, *HELPERS})
             hint = f"; the nearest known names are {near}" if near else ""
             _refuse(f"the name {name} is not defined and not allowed{hint}", node, "variable")
+
+    def _check_path(self, path: str, node: ast.expr) -> None:
+        if offered(path) is None or is_module(offered(path)):
+            _refuse(f"{path} is not on the list of allowed functions", node)
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
         if not isinstance(node.ctx, ast.Load):
@@ -195,8 +190,7 @@ class _Visitor(ast.NodeVisitor):
             if node.attr not in {*self._variables, *self._own, *HELPERS_IN_SCOPE}:
                 raise _unknown_variable(node.attr, self._variables, node.lineno)
         elif path := self._path(node):
-            if is_module(found := offered(path)) or found is None:
-                _refuse(f"{path} is not on the list of allowed functions", node)
+            self._check_path(path, node)
         elif node.attr in ("cuda", "cpu"):
             _refuse(f".{node.attr}() is not allowed: keep tensors on the inputs' device", node, "device")
         elif node.attr not in {*ATTRIBUTES, *METHODS, *self._own}:
@@ -228,9 +222,9 @@ class _Visitor(ast.NodeVisitor):
 
     def _path(self, node: ast.expr) -> str:
         """Returns the dotted path of an attribute chain that starts at a module's name, "" for anything else."""
-        names: list[str] = []
-        while isinstance(node, ast.Attribute):
-            names.insert(0, node.attr)
-            node = node.value
-        is_there = isinstance(node, ast.Name) and node.id in self._source.modules and node.id not in self._local
-        return ".".join([self._source.modules[node.id], *names]) if is_there and isinstance(node, ast.Name) else ""
+        match node:
+            case ast.Name(name) if name not in self._local:
+                return self._source.modules.get(name, "")
+            case ast.Attribute(owner, name) if path := self._path(owner):
+                return f"{path}.{name}"
+        return ""
