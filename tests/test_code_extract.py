@@ -72,6 +72,11 @@ def test_unusual_imports_come_along():
     assert extract(reply, "reward").source.startswith("import torch.nn.functional as fn\n\ndef")
 
 
+def test_unusual_imports_of_several_lines_come_along():
+    reply = "from torch.nn.functional import (\n    relu,\n)\ndef compute_reward(a):\n    return relu(a), {}\n"
+    assert extract(reply, "reward").source.startswith("from torch.nn.functional import (\nrelu,\n)\n\ndef")
+
+
 @pytest.mark.parametrize(
     ("names", "chosen"),
     [
@@ -125,8 +130,9 @@ def test_a_text_that_cannot_be_written_anew_does_no_harm(line):
     parse(extract(reply, "reward").source)
 
 
-def test_defaults_that_would_grow_out_of_bounds_have_no_value():
+def test_defaults_are_written_once_however_often_they_are_read():
     settings = "".join(f"        self.s{i} = [x, x, x, x]\n" for i in range(1000))
     reply = f"class R:\n    def __init__(self, x=[{'1, ' * 1000}]):\n{settings}\n"
     reply += "def compute_reward(a):\n    r = R()\n    return a * r.s7, {}\n"
-    assert extract(reply, "reward").source.startswith("s7 = None\n")
+    found = extract(reply, "reward").source
+    assert found.startswith(f"x = [{', '.join('1' * 1000)}]\ns7 = [x, x, x, x]\n\ndef compute_reward")

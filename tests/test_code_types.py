@@ -229,6 +229,23 @@ def test_a_class_is_made_with_the_defaults_of_its_arguments(is_method):
     torch.testing.assert_close(total, 2.5 * states["a"][:, 0] + 0.5 * states["b"][:, 0])
 
 
+def test_a_class_may_make_something_else_of_an_argument_under_its_name():
+    reply = "class Reward:\n    def __init__(self, t=2, u=[3, 5]):\n        self.u = u[1]\n        self.t = float(t) / 4\n\n"
+    reply += reward("r = Reward()\nx = a[:, 0] * r.t + r.u")
+    states = values(3)
+    total, _ = compile_reward(extract(reply, "reward").source, VARIABLES, False)(states)
+    torch.testing.assert_close(total, 0.5 * states["a"][:, 0] + 5.0)
+
+
+def test_a_helper_may_call_itself_until_it_ends_and_defaults_are_computed():
+    source = "def folded(y, n=2 + len('p')):\n    return y if n == 0 else folded(2 * y, n - 1)\n\n" + reward(
+        "x = folded(a[:, 0])"
+    )
+    states = values(3)
+    total, _ = compile_reward(source, VARIABLES, False)(states)
+    assert torch.equal(total, 8.0 * states["a"][:, 0])
+
+
 def test_what_a_class_is_to_be_given_has_no_value():
     reply = "far = 3.0\nclass Reward:\n    def __init__(self, far):\n        self.far = far\n\n"
     reply += textwrap.indent(reward("x = self.far * a[:, 0]", arguments="self, a"), "    ")

@@ -5,40 +5,26 @@ out what would reach for the inside of objects, and tells a model early and at t
 """
 
 import ast
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import NoReturn
 
-from porse.functions.contract import ATTRIBUTES, BUILTINS, METHODS
-from porse.functions.read.allowed import (
-    check_identifier,
-    check_keyword,
-    check_literal,
-    check_range,
-    check_text,
-    path_allowed,
-    unknown_name,
-    unknown_variable,
-)
+from porse.functions.contract import ATTRIBUTES, BUILTINS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
+from porse.functions.read.allowed import ERRORS, is_module, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import (
-    Source,
-    all_arguments,
-    bound_names,
-    defaults,
-    is_class,
-    module_path,
-    takes_self,
-)
-from porse.functions.verdict import CodeError, words
+from porse.functions.read.source import Source, arguments, is_class, takes_self
+from porse.functions.verdict import Check, CodeError, words
 from porse.variables import Variable
 
 _PLAIN = (
     ast.Return, ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Pass, ast.Break, ast.Continue, ast.Assert, ast.Delete,
-    ast.Slice, ast.UnaryOp, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.List, ast.Tuple, ast.Dict, ast.Set,
+    ast.Slice, ast.UnaryOp, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.List, ast.Tuple, ast.Dict, ast.Set, ast.Lambda,
     ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp, ast.comprehension, ast.JoinedStr, ast.FormattedValue,
     ast.Starred, ast.NamedExpr, ast.Subscript, ast.Nonlocal, ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop,
+    ast.Call, ast.keyword, ast.arguments, ast.Import, ast.ImportFrom, ast.alias,
 )  # fmt: skip
-"""Nodes that need no rule of their own; the others have a method of `_FunctionCheck`, or are refused."""
+"""Nodes that may be there; some have a rule of their own in `_Visitor`."""
 _REASONS: dict[type[ast.AST], str] = {
     ast.While: "while loops are not allowed, since they may never end; use tensor operations or for over range",
     ast.ClassDef: "classes are not allowed",
@@ -46,24 +32,10 @@ _REASONS: dict[type[ast.AST], str] = {
     ast.Raise: "raise is not allowed, but for an error with a text",
     ast.Global: "global is not allowed",
 }
-_RANDOM = frozenset(f"torch.{name}" for name in ("rand", "randn", "rand_like", "randn_like", "randint", "randperm"))
-_ANNOTATION = (
-    ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.BitOr, ast.Constant, ast.Load,
-)  # fmt: skip
-_DEFAULT = (
-    ast.Constant,
-    ast.Tuple,
-    ast.List,
-    ast.UnaryOp,
-    ast.unaryop,
-    ast.BinOp,
-    ast.operator,
-    ast.Attribute,
-    ast.Name,
-    ast.Load,
-)
-ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
-"""What may be raised."""
+_RANDOM = words("torch.rand torch.randn torch.rand_like torch.randn_like torch.randint torch.randperm")
+_DEVICES = ("cuda", "cpu", "mps", "xpu", "meta", "hpu")
+_KEYWORDS = words("out names generator pin_memory memory_format layout")
+_ANNOTATION = (ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.Constant)
 
 
 def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
@@ -72,198 +44,187 @@ def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
     Raises:
         CodeError: something is not on the list; checks "static", "variable" and "device".
     """
-    for name, constant in source.constants.items():
-        check_identifier(name, constant.lineno)
-        assert constant.value is not None  # a constant has a value
-        _FunctionCheck(source, source.main, variables, bound=set()).visit(constant.value)
-    calls = {}
-    for function in source.functions:
-        check = _FunctionCheck(source, function, variables, set(bound_names(function)))
-        check.run()
-        calls[function.name] = check.helpers
-    _refuse_recursion(calls, source)
+    given = source.main.args
+    if given.vararg or given.kwarg:
+        _refuse("arguments with * or ** are not allowed; name the variables", source.main)
+    required = {name for name, default in arguments(source.main).items() if default is None} - {"self"}
+    for argument in ast.walk(given):
+        if isinstance(argument, ast.arg) and argument.arg in required - variables.keys():
+            raise _unknown_variable(argument.arg, variables, argument.lineno)
+    for statement in source.tree.body:
+        _Visitor(source, variables, statement).visit(statement)
 
 
-def _refuse_recursion(calls: Mapping[str, set[str]], source: Source) -> None:
-    """Refuses functions that call each other in a circle."""
-    done: set[str] = set()
-    while ready := [name for name in calls if name not in done and calls[name] <= done]:
-        done.update(ready)
-    for function in source.functions:
-        if function.name not in done:
-            raise CodeError("static", f"the function {function.name} calls itself, directly or not", function.lineno)
+def _refuse(message: str, node: ast.AST, check: Check = "static") -> NoReturn:
+    raise CodeError(check, message, getattr(node, "lineno", 0))
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    """Returns the known names that look like `name`, nearest first, "" for none."""
+    return ", ".join(difflib.get_close_matches(name, sorted(known), n=4, cutoff=0.5))
+
+
+def _unknown_variable(name: str, variables: Mapping[str, Variable], line: int) -> CodeError:
+    """Returns the error for a name that the task does not offer."""
+    near = _nearest(name, variables)
+    hint = f"the nearest are {near}" if near else f"it offers {', '.join(sorted(variables))}"
+    return CodeError("variable", f"expected variables of the task, found {name}, which it does not offer; {hint}", line)
+
+
+def _check_identifier(name: str, node: ast.AST) -> None:
+    """Refuses names that are not plain, and those that this package writes itself."""
+    if not name.isascii() or name.startswith(("__", "porse_")) or name in ("torch", "math"):
+        _refuse(f"the name {name!r} is not allowed here; use a plain ASCII name of your own", node)
 
 
 def _check_annotation(node: ast.expr | None) -> None:
     """Accepts names of types; no annotation is ever evaluated, and what reads like code is refused so that it is seen."""
     for part in ast.walk(node) if node is not None else ():
         text = part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else ""
-        if not isinstance(part, _ANNOTATION) or not re.fullmatch(r"[\w.,| \[\]]*", text):
-            line = getattr(part, "lineno", node.lineno if node is not None else 0)
-            raise CodeError("static", f"{type(part).__name__} is not allowed in an annotation", line)
+        is_type = isinstance(part, _ANNOTATION) or not isinstance(part, ast.expr)
+        if not is_type or not re.fullmatch(r"[\w.,| \[\]]*", text):
+            _refuse(f"{type(part).__name__} is not allowed in an annotation", part)
 
 
-class _FunctionCheck:
-    """Walks one function, those in it included; the walk keeps which helpers it calls."""
+class _Visitor(ast.NodeVisitor):
+    """Walks a constant or a function, those in it included."""
 
-    def __init__(
-        self, source: Source, function: ast.FunctionDef, variables: Mapping[str, Variable], bound: set[str]
-    ) -> None:
+    def __init__(self, source: Source, variables: Mapping[str, Variable], statement: ast.stmt) -> None:
         self._source = source
-        self._function = function
         self._variables = variables
-        self._local = bound - {"self"}
-        self._offered = source.helpers.keys() | source.constants.keys()
-        self.helpers: set[str] = set()
+        self._has_self = isinstance(statement, ast.FunctionDef) and takes_self(statement)
+        self._own = {function.name for function in source.functions} | source.constants
+        self._local: set[str] = set()
+        for node in ast.walk(statement):
+            match node:
+                case ast.arg(name) | ast.Name(name, ast.Store()) | ast.FunctionDef(name) if name != "self":
+                    self._local.add(name)
 
-    def run(self) -> None:
-        """Checks the whole function."""
-        function = self._function
-        if function is self._source.main:
-            if function.args.vararg or function.args.kwarg:
-                message = "arguments with * or ** are not allowed; name the variables"
-                raise CodeError("static", message, function.lineno)
-            for argument in all_arguments(function):
-                check_identifier(argument.arg, argument.lineno)
-                if argument.arg not in self._variables and argument.arg not in defaults(function):
-                    raise unknown_variable(argument.arg, self._variables, argument.lineno)
-        self._functiondef(function)
+    def generic_visit(self, node: ast.AST) -> None:
+        """Refuses what is not on the list, and goes on below what is."""
+        if not isinstance(node, _PLAIN):
+            _refuse(_REASONS.get(type(node), f"{type(node).__name__} is not allowed"), node)
+        super().generic_visit(node)
 
-    def visit(self, node: ast.AST) -> None:
-        """Checks one node and what is below it."""
-        special = getattr(self, f"_{type(node).__name__.lower()}", None)
-        if special is not None:
-            special(node)
-        elif isinstance(node, _PLAIN):
-            for child in ast.iter_child_nodes(node):
-                self.visit(child)
-        else:
-            line = getattr(node, "lineno", self._function.lineno)
-            reason = next((text for kind, text in _REASONS.items() if isinstance(node, kind)), "")
-            raise CodeError("static", reason or f"{type(node).__name__} is not allowed", line)
-
-    def _functiondef(self, node: ast.FunctionDef) -> None:
-        check_identifier(node.name, node.lineno)
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        _check_identifier(node.name, node)
         if node.decorator_list:
-            raise CodeError("static", "an inner function has a decorator; it needs none", node.lineno)
-        self._arguments(node.args)
+            _refuse("a function has a decorator; it needs none", node)
         _check_annotation(node.returns)
-        for statement in node.body:
-            self.visit(statement)
-
-    def _lambda(self, node: ast.Lambda) -> None:
-        self._arguments(node.args)
-        self.visit(node.body)
-
-    def _arguments(self, node: ast.arguments) -> None:
-        for value in [*node.defaults, *(value for value in node.kw_defaults if value is not None)]:
-            if not all(isinstance(part, _DEFAULT) for part in ast.walk(value)):
-                raise CodeError("static", "the default value of an argument is not a plain constant", value.lineno)
-            self.visit(value)
-        for argument in [*node.posonlyargs, *node.args, *node.kwonlyargs, node.vararg, node.kwarg]:
-            if argument is not None:
-                check_identifier(argument.arg, argument.lineno)
-                _check_annotation(argument.annotation)
-
-    def _expr(self, node: ast.Expr) -> None:
-        """A statement that is a constant is a docstring."""
-        if not isinstance(node.value, ast.Constant):
-            self.visit(node.value)
-
-    def _import(self, node: ast.Import) -> None:
-        """Imports in the body were looked at when the modules were collected."""
-
-    _importfrom = _import
-
-    def _annassign(self, node: ast.AnnAssign) -> None:
-        _check_annotation(node.annotation)
-        self.visit(node.target)
-        if node.value is not None:
-            self.visit(node.value)
-
-    def _with(self, node: ast.With) -> None:
-        for item in node.items:
-            path = module_path(getattr(item.context_expr, "func", item.context_expr), self._source.modules, self._local)
-            if path not in ("torch.no_grad", "torch.inference_mode") or item.optional_vars:
-                raise CodeError("static", "with is not allowed", node.lineno)
-        for statement in node.body:
-            self.visit(statement)
-
-    def _raise(self, node: ast.Raise) -> None:
-        name = getattr(node.exc.func, "id", "") if isinstance(node.exc, ast.Call) else ""
-        if not isinstance(node.exc, ast.Call) or name not in ERRORS or node.cause:
-            raise CodeError("static", _REASONS[ast.Raise], node.lineno)
-        for part in [*node.exc.args, *node.exc.keywords]:
+        for part in [node.args, *node.body]:
             self.visit(part)
 
-    def _constant(self, node: ast.Constant) -> None:
-        check_literal(node)
-        if isinstance(node.value, str):
-            check_text(node)
+    def visit_arg(self, node: ast.arg) -> None:
+        _check_identifier(node.arg, node)
+        _check_annotation(node.annotation)
 
-    def _name(self, node: ast.Name) -> None:
-        name, source = node.id, self._source
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):  # a docstring
+            self.visit(node.value)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        _check_annotation(node.annotation)
+        for part in filter(None, (node.target, node.value)):
+            self.visit(part)
+
+    def visit_With(self, node: ast.With) -> None:
+        for item in node.items:
+            path = self._path(getattr(item.context_expr, "func", item.context_expr))
+            if path not in ("torch.no_grad", "torch.inference_mode") or item.optional_vars:
+                _refuse("with is not allowed", node)
+        for statement in node.body:
+            self.visit(statement)
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        match node:
+            case ast.Raise(ast.Call(ast.Name(name), given, []), None) if name in ERRORS:
+                for part in given:
+                    self.visit(part)
+            case _:
+                _refuse(_REASONS[ast.Raise], node)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        """Refuses odd and huge literals, devices, and texts that reach for the inside of objects when they are formatted."""
+        match node.value:
+            case bytes() | complex():
+                _refuse(f"a {type(node.value).__name__} constant is not allowed", node)
+            case int(number) if abs(number) > MAX_INTEGER:
+                _refuse(f"an integer constant is larger than {MAX_INTEGER}", node)
+            case str(text) if text.split(":")[0].strip().lower() in _DEVICES:
+                message = f"the device {text!r} is written into the code; use the device of an input, x.device"
+                _refuse(message, node, "device")
+            case str(text) if "__" in text and "{" in text:
+                _refuse("a text with __ inside braces is not allowed", node)
+
+    def visit_Name(self, node: ast.Name) -> None:
+        name, is_read = node.id, isinstance(node.ctx, ast.Load)
+        path = self._source.modules.get(name, "")
         if name == "self" and not isinstance(node.ctx, ast.Store):
-            if not takes_self(self._function):
-                raise CodeError("static", "self is read, but is not the first argument", node.lineno)
-        elif name in self._local or not isinstance(node.ctx, ast.Load):
-            check_identifier(name, node.lineno)
-        elif name == source.main.name:
-            raise CodeError("static", f"the function {name} calls itself", node.lineno)
-        elif name in source.helpers:
-            self.helpers.add(name)
-        elif name in source.modules:
-            if "." in source.modules[name] and not path_allowed(source.modules[name]):
-                raise CodeError(
-                    "static", f"{source.modules[name]} is not on the list of allowed functions", node.lineno
-                )
-            if source.modules[name] in ("torch", "math", "numpy", "torch.nn", "torch.nn.functional"):
-                raise CodeError("static", f"the module {name} stands alone; name a function of it", node.lineno)
-        elif name not in self._variables and name not in source.constants and not self._is_offered(name):
-            raise unknown_name(name, self._variables, self._local, node.lineno)
-
-    def _is_offered(self, name: str) -> bool:
-        is_class_of_it = is_class(ast.Name(id=name, ctx=ast.Load())) and bool(self._offered)
-        return name in BUILTINS or name in HELPERS_IN_SCOPE or name == "getattr" or is_class_of_it
-
-    def _attribute(self, node: ast.Attribute) -> None:
-        if isinstance(node.ctx, ast.Store | ast.Del):
-            raise CodeError("static", f"the attribute .{node.attr} cannot be assigned", node.lineno)
-        owner, source = node.value, self._source
-        if isinstance(owner, ast.Name) and owner.id == "self" and "self" not in self._local:
-            self.visit(owner)
-            if node.attr in source.helpers:
-                self.helpers.add(node.attr)
-            elif not (node.attr in self._variables or node.attr in source.constants or node.attr in HELPERS_IN_SCOPE):
-                raise unknown_variable(node.attr, self._variables, node.lineno)
+            if not self._has_self:
+                _refuse("self is read, but is not the first argument", node)
+        elif name in self._local or not is_read:
+            _check_identifier(name, node)
+        elif name in self._own:
             return
-        path = module_path(node, source.modules, self._local)
-        if path and not path_allowed(path):
-            raise CodeError("static", f"{path} is not on the list of allowed functions", node.lineno)
-        if path:
-            return
-        if node.attr in ("cuda", "cpu"):
-            message = f".{node.attr}() is not allowed: keep tensors on the inputs' device"
-            raise CodeError("device", message, node.lineno)
-        if node.attr not in ATTRIBUTES and node.attr not in METHODS and node.attr not in self._offered:
-            raise CodeError("static", f"the attribute .{node.attr} is not on the list of allowed methods", node.lineno)
-        if node.attr in source.helpers and node.attr not in METHODS:
-            self.helpers.add(node.attr)
-        self.visit(owner)
+        elif is_module(offered(path)):
+            _refuse(f"the module {name} stands alone; name a function of it", node)
+        elif path:
+            self._check_path(path, node)
+        elif not (
+            name in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr"}
+            or (is_class(node) and len(self._own) > 1)
+        ):
+            near = _nearest(name, {*self._variables, *self._local, *BUILTINS, *HELPERS})
+            hint = f"; the nearest known names are {near}" if near else ""
+            _refuse(f"the name {name} is not defined and not allowed{hint}", node, "variable")
 
-    def _call(self, node: ast.Call) -> None:
-        path = module_path(node.func, self._source.modules, self._local)
+    def _check_path(self, path: str, node: ast.expr) -> None:
+        if offered(path) is None or is_module(offered(path)):
+            _refuse(f"{path} is not on the list of allowed functions", node)
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        if not isinstance(node.ctx, ast.Load):
+            _refuse(f"the attribute .{node.attr} cannot be assigned", node)
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            self.visit(node.value)
+            if node.attr not in {*self._variables, *self._own, *HELPERS_IN_SCOPE}:
+                raise _unknown_variable(node.attr, self._variables, node.lineno)
+        elif path := self._path(node):
+            self._check_path(path, node)
+        elif node.attr in ("cuda", "cpu"):
+            _refuse(f".{node.attr}() is not allowed: keep tensors on the inputs' device", node, "device")
+        elif node.attr not in {*ATTRIBUTES, *METHODS, *self._own}:
+            _refuse(f"the attribute .{node.attr} is not on the list of allowed methods", node)
+        else:
+            self.visit(node.value)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        path = self._path(node.func)
         if path in _RANDOM:
-            raise CodeError("static", f"{path} is not allowed: there are no random draws", node.lineno)
+            _refuse(f"{path} is not allowed: there are no random draws", node)
         if path == "torch.jit.annotate" and len(node.args) == 2 and not node.keywords:
             _check_annotation(node.args[0])
             self.visit(node.args[1])
             return
-        self.visit(node.func)
-        for argument in node.args:
-            self.visit(argument)
-        for keyword in node.keywords:
-            check_keyword(keyword)
-            self.visit(keyword.value)
+        self.generic_visit(node)
         if isinstance(node.func, ast.Name) and node.func.id == "range":
-            check_range(node)
+            for part in ast.walk(node):
+                if isinstance(part, ast.Constant) and isinstance(part.value, int) and abs(part.value) > MAX_LOOP:
+                    _refuse(f"a loop of more than {MAX_LOOP} rounds is not allowed", node)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        """Refuses keywords that would write somewhere, or that have no meaning in a reward."""
+        if node.arg is None:
+            _refuse("** in a call is not allowed", node)
+        if node.arg in _KEYWORDS or not node.arg.isascii():
+            _refuse(f"the keyword {node.arg} is not allowed", node)
+        self.visit(node.value)
+
+    def _path(self, node: ast.expr) -> str:
+        """Returns the dotted path of an attribute chain that starts at a module's name, "" for anything else."""
+        match node:
+            case ast.Name(name) if name not in self._local:
+                return self._source.modules.get(name, "")
+            case ast.Attribute(owner, name) if path := self._path(owner):
+                return f"{path}.{name}"
+        return ""

@@ -1,14 +1,15 @@
 """Finds the function in a model's reply: prose, fences of any flavour, indented methods, several drafts.
 
-No block structure is assumed. Every line that starts with `def` opens a chunk, which ends where the indentation says so
-or at a fence; the last chunk with a right name that parses and returns something wins, and what it needs (helpers,
-constants, unusual imports) comes along. Line numbers of the reply are kept. Nothing is executed.
+No block structure is assumed. Every line that starts with `def` opens a function, which ends where the indentation says so
+or at a fence; the last one with a right name that parses and returns something wins, and what it needs (helpers,
+constants, unusual imports) comes along. Line numbers of the reply are kept. Nothing is executed; what only an attack would
+write beside the functions is refused, so that it is seen.
 """
 
 import ast
-import html
-import json
+import contextlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from porse.functions.contract import (
@@ -16,15 +17,28 @@ from porse.functions.contract import (
     HELPERS,
     MAX_REPLY_CHARACTERS,
     MAX_SOURCE_LINES,
-    MAX_TREE_NODES,
     NAME_PATTERN,
 )
-from porse.functions.read.scan import Chunk, chunks, parse_source, text_of
-from porse.functions.read.source import all_arguments, defaults
-from porse.functions.read.surroundings import Surroundings, names_read, refuse_decorators, refuse_hostile, surroundings
-from porse.functions.verdict import CodeError, Kind
+from porse.functions.read.scan import Block, blocks, plain_lines, unwrapped
+from porse.functions.read.source import (
+    DEFAULT_MODULES,
+    Import,
+    arguments,
+    constant_of,
+    import_names,
+    is_constant,
+)
+from porse.functions.verdict import CodeError, Kind, words
 
-_SUPER = re.compile(r"super\((\w+, self)?\)\.__init__\(\)")
+_DECORATORS = re.compile(
+    r"@\s*((torch\.)?jit\.(script|script_if_tracing|export)|script|staticmethod|classmethod|"
+    r"torch\.(no_grad|inference_mode)(\(\s*\))?)\s*(#.*)?"
+)
+_HOSTILE = words("""
+    __import__ breakpoint builtins classes compile connect cpp_extension ctypes delattr eval exec from_file getattr
+    globals hub importlib input load load_library locals open ops os pickle popen remove rmtree save setattr shutil
+    socket subprocess sys system unlink urllib urlopen vars
+    """)
 
 
 @dataclass(frozen=True)
@@ -46,19 +60,6 @@ class Extracted:
         return self.lines[line - 1] if 0 < line <= len(self.lines) else 0
 
 
-@dataclass(frozen=True)
-class _Function:
-    chunk: Chunk
-    tree: ast.FunctionDef | None
-    error: str
-    error_line: int
-
-    @property
-    def complete(self) -> bool:
-        """Whether it parses and returns a value somewhere."""
-        return self.tree is not None and any(isinstance(n, ast.Return) and n.value for n in ast.walk(self.tree))
-
-
 def extract(reply: str, kind: Kind) -> Extracted:
     """Returns the code of the last complete function of `kind` in `reply`.
 
@@ -67,188 +68,137 @@ def extract(reply: str, kind: Kind) -> Extracted:
     """
     if len(reply) > MAX_REPLY_CHARACTERS:
         raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
-    line, code = _wrapped(reply)
-    if code:
-        found = _extracted(code, kind)
-        return Extracted(found.source, tuple(line for _ in found.lines), found.name)
-    return _extracted(reply, kind)
-
-
-def _extracted(reply: str, kind: Kind) -> Extracted:
-    lines = _clean_lines(reply)
-    functions = [_parse_chunk(chunk) for chunk in chunks(lines)]
-    main = _choose(functions, kind)
-    settings = {number: text for f in functions if f.chunk.name == "__init__" for number, text in _settings(f).items()}
-    beside = [settings.get(number, line) for number, line in enumerate(lines, start=1)]
-    around = surroundings(beside, {number for f in functions for number in f.chunk.lines} - settings.keys())
-    refuse_hostile(main.chunk.region, around)
-    return _assemble(main, functions, around)
-
-
-def _clean_lines(reply: str) -> list[str]:
-    """Returns the lines of the reply with line ends, blanks, quotes of mail and escapes of HTML made plain."""
-    text = _without_thinking(re.sub(r"\r\n?", "\n", reply))
-    text = re.sub(r"[\u200b\u200d\u2060\ufeff\u00ad]", "", text).replace("\u00a0", " ")
-    if re.search(r"<(pre|code)\b", text):
-        text = re.sub(r"</?(pre|code|span)\b[^<>\n]*>", "", text)
-    if re.search(r"&(gt|lt|quot|amp|#39);", text):
-        text = html.unescape(text)
-    lines = [line.rstrip() for line in text.split("\n")]
-    if any(re.match(r">\s+(def|@)", line) for line in lines):
-        lines = [re.sub(r"^>\s?", "", line) for line in lines]
-    return lines
-
-
-def _without_thinking(text: str) -> str:
-    """Returns a text with blanks for what a model thought before it answered: drafts are no answer, closed or not."""
-    end = max((match.end() for match in re.finditer(r"</(think|thinking|reasoning)>", text)), default=0)
-    before, rest = text[:end], text[end:]
-    start = re.search(r"^\s*<(think|thinking|reasoning)>", rest, re.MULTILINE)
-    cut = start.start() if start else len(rest)
-    return re.sub(r"[^\n]", "", before) + rest[:cut] + re.sub(r"[^\n]", "", rest[cut:])
-
-
-def _wrapped(reply: str) -> tuple[int, str]:
-    """Returns the code that stands as a text in a reply's JSON, and the line of the reply that it begins on; "" for none."""
-    start, end = reply.find("{"), reply.rfind("}")
-    if start < 0 or re.search(r"^\s*(async\s+)?def\s", reply, re.MULTILINE):
-        return 0, ""
-    try:
-        held = json.loads(reply[start : end + 1])
-    except (ValueError, RecursionError):
-        return 0, ""
-    texts = (
-        [text for text in held.values() if isinstance(text, str) and "def " in text] if isinstance(held, dict) else []
-    )
-    return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
-
-
-def _parse_chunk(chunk: Chunk) -> _Function:
-    """Returns the chunk with its tree, or with the syntax error at its line of the reply."""
-    try:
-        tree = parse_source("\n".join(chunk.text))
-    except CodeError as error:
-        line = chunk.lines[min(max(error.line, 1), len(chunk.lines)) - 1]
-        return _Function(chunk, None, str(error), line)
-    body = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
-    if len(body) != 1 or len(tree.body) != 1:
-        return _Function(chunk, None, "expected one plain function", chunk.lines[0])
-    return _Function(chunk, body[0], "", 0)
-
-
-def _settings(init: _Function) -> dict[int, str]:
-    """Returns the lines of an `__init__`, by number, with `X = 2.0` for `self.X = 2.0`: constants of the class.
-
-    An argument stands for its default, since functions make such a thing without arguments; what has none is `None`.
-    """
-    found = dict(zip(init.chunk.lines, init.chunk.text, strict=True))
-    if init.tree is None:
-        return found
-    given = _short_defaults(init.tree)
-    missing = {argument.arg for argument in all_arguments(init.tree)} - given.keys()
-    for statement in init.tree.body:
-        name, value = _own(statement)
-        if value is not None:
-            is_known = missing.isdisjoint(names_read(value))
-            text = f"{name} = {text_of(_WithDefaults(given).visit(value)) if is_known else None}"
-        elif _SUPER.fullmatch(text_of(statement)):
-            text = ""
-        else:
-            continue
-        numbers = init.chunk.lines[statement.lineno - 1 : statement.end_lineno]
-        found |= {number: text if number == numbers[0] else "" for number in numbers}
-    return found
-
-
-def _own(statement: ast.stmt) -> tuple[str, ast.expr | None]:
-    """Returns `X` and the value of `self.X = value`, an empty name for anything else."""
-    if not isinstance(statement, ast.Assign | ast.AnnAssign):
-        return "", None
-    target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
-    is_own = isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name) and target.value.id == "self"
-    return (target.attr, statement.value) if is_own and isinstance(target, ast.Attribute) else ("", None)
-
-
-def _short_defaults(function: ast.FunctionDef) -> dict[str, ast.expr]:
-    """Returns the defaults of arguments by name; none of them where all that read them would grow out of bounds."""
-    given = defaults(function)
-    sizes = {name: sum(1 for _ in ast.walk(value)) for name, value in given.items()}
-    reads = (node.id for node in ast.walk(function) if isinstance(node, ast.Name))
-    return given if sum(sizes.get(name, 0) for name in reads) <= MAX_TREE_NODES else {}
-
-
-class _WithDefaults(ast.NodeTransformer):
-    """Writes the default of an argument for its name."""
-
-    def __init__(self, given: dict[str, ast.expr]) -> None:
-        self._given = given
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        return self._given.get(node.id, node)
-
-
-def _choose(functions: list[_Function], kind: Kind) -> _Function:
-    """Returns the last complete function with a right name, else with the nearest thing to one."""
-    other: Kind = "mapping" if kind == "reward" else "reward"
-    named = [f for f in functions if f.chunk.name in FUNCTION_NAMES[kind]]
-    alike = [f for f in functions if re.fullmatch(NAME_PATTERN[kind], f.chunk.name)]
-    foreign = {*FUNCTION_NAMES[other]}
-    called = {name for f in functions if f.tree for name in names_read(f.tree)}
-    lone = [
-        f
-        for f in functions
-        if f.chunk.name not in called
-        and f.chunk.name not in foreign
-        and f.chunk.name not in HELPERS
-        and not re.fullmatch(NAME_PATTERN[other], f.chunk.name)
-    ]
-    groups = [named, alike, lone if len(lone) == 1 else []]
-    for group in groups:
-        complete = [f for f in group if f.complete]
-        if complete:
-            return complete[-1]
-    broken = next((group[-1] for group in groups if group), None)
-    wanted = FUNCTION_NAMES[kind][0]
-    if broken is None:
-        found = ", ".join(dict.fromkeys(f.chunk.name for f in functions)) or "no function at all"
-        raise CodeError(
-            "extract",
-            f"expected a function named {wanted} in the reply, found {found}; write def {wanted}(...) in one code block",
-        )
-    if broken.tree is None:
-        raise CodeError(
-            "syntax", f"the function {broken.chunk.name} is not valid Python: {broken.error}", broken.error_line
-        )
-    raise CodeError("return", f"the function {broken.chunk.name} returns nothing", broken.chunk.lines[0])
-
-
-def _assemble(main: _Function, functions: list[_Function], around: Surroundings) -> Extracted:
-    """Returns the main function with the helpers, constants and unusual imports that it reads, directly or not."""
-    by_name = {f.chunk.name: f for f in functions if f.tree is not None}
-    needed: dict[str, _Function] = {}
-    names: set[str] = set()
-    queue = [main]
-    while queue:
-        tree = queue.pop().tree
-        assert tree is not None  # chosen and looked-up functions have parsed
-        for name in names_read(tree):
-            names.add(name)
-            helper = by_name.get(name)
-            if helper is not None and name != main.chunk.name and name not in needed:
-                needed[name] = helper
-                queue.append(helper)
-    for name in reversed(around.constants):
-        if name in names:  # each reads only those before it
-            names |= around.read[name]
-    parts = [(number, text) for number, text, _ in around.imports_of(names)]
-    parts += [line for name, block in around.constants.items() if name in names for line in block]
-    for function in [*sorted(needed.values(), key=lambda f: f.chunk.lines[0]), main]:
-        refuse_decorators(function.chunk)
-        if parts:
-            parts.append((function.chunk.lines[0], ""))
-        parts.extend(zip(function.chunk.lines, function.chunk.text, strict=True))
+    line, code = unwrapped(reply)
+    everything = list(blocks(plain_lines(code or reply)))
+    found = [block for block in everything if block.name]
+    main = _choose(found, kind)
+    beside = [block for block in everything if not block.name]
+    beside += [setting for block in found if block.name == "__init__" for setting in _settings(block)]
+    parts = _assembled(main, found, sorted(beside, key=lambda block: block.lines[0]))
     if len(parts) > MAX_SOURCE_LINES:
         message = f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}"
         raise CodeError("extract", message, parts[0][0])
     source = "".join(f"{text}\n" for _, text in parts)
-    return Extracted(source, tuple(number for number, _ in parts), main.chunk.name)
+    return Extracted(source, tuple(line if code else number for number, _ in parts), main.name)
+
+
+def _choose(found: list[Block], kind: Kind) -> Block:
+    """Returns the last complete function with a right name, else with the nearest thing to one."""
+    other: Kind = "mapping" if kind == "reward" else "reward"
+    called = {name for f in found if f.tree for name in _names_read(f.tree)} | {*FUNCTION_NAMES[other], *HELPERS}
+    named = [f for f in found if f.name in FUNCTION_NAMES[kind]]
+    alike = [f for f in found if re.fullmatch(NAME_PATTERN[kind], f.name)]
+    lone = [f for f in found if f.name not in called and not re.fullmatch(NAME_PATTERN[other], f.name)]
+    groups = [named, alike, lone if len(lone) == 1 else []]
+    for group in groups:
+        if complete := [f for f in group if f.complete]:
+            return complete[-1]
+    broken = next((group[-1] for group in groups if group), None)
+    if broken is None:
+        wanted = FUNCTION_NAMES[kind][0]
+        names = ", ".join(dict.fromkeys(f.name for f in found)) or "no function at all"
+        message = (
+            f"expected a function named {wanted} in the reply, found {names}; write def {wanted}(...) in one code block"
+        )
+        raise CodeError("extract", message)
+    if broken.error is not None:
+        raise CodeError("syntax", f"the function {broken.name} is not valid Python: {broken.error}", broken.error.line)
+    raise CodeError("return", f"the function {broken.name} returns nothing", broken.lines[0])
+
+
+def _names_read(tree: ast.AST | None) -> Iterator[str]:
+    """Yields every name and attribute that a tree reads."""
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+
+
+def _settings(init: Block) -> Iterator[Block]:
+    """Yields what an `__init__` sets as constants of its class, `X = 2.0` for `self.X = 2.0`, and its other statements.
+
+    Its arguments are constants too, by their defaults, since functions make such a thing without arguments; what has none
+    is `None`.
+    """
+    if not isinstance(init.tree, ast.FunctionDef):
+        return
+    given = [(name, value or ast.Constant(None)) for name, value in arguments(init.tree).items() if name != "self"]
+    found: list[ast.stmt] = [_assignment(name, value, init.tree) for name, value in given]
+    for statement in init.tree.body:
+        match statement:
+            case (
+                ast.Assign(targets=[ast.Attribute(value=ast.Name(id="self"), attr=name), *_], value=ast.expr() as value)
+                | ast.AnnAssign(target=ast.Attribute(value=ast.Name(id="self"), attr=name), value=ast.expr() as value)
+            ):
+                if not (isinstance(value, ast.Name) and value.id == name):
+                    found.append(_assignment(name, value, statement))
+            case ast.Expr(ast.Call(ast.Attribute(ast.Call(ast.Name("super")), "__init__"), [], [])):
+                pass
+            case _:
+                found.append(statement)
+    for statement in found:
+        with contextlib.suppress(ValueError):  # not every f-string can be written anew
+            text = tuple(ast.unparse(statement).split("\n"))
+            yield Block("", text, (init.lines[statement.lineno - 1],) * len(text), init.region, statement)
+
+
+def _assignment(name: str, value: ast.expr, where: ast.stmt) -> ast.Assign:
+    return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), where)
+
+
+def _assembled(main: Block, found: list[Block], beside: list[Block]) -> list[tuple[int, str]]:
+    """Returns the lines of the main function and of what it reads, directly or not: helpers, constants, unusual imports."""
+    imports: list[tuple[Block, set[str]]] = []
+    constants: dict[str, list[Block]] = {}
+    for block in beside:
+        name, value = constant_of(block.tree)
+        if block.region == main.region:
+            _refuse_hostile(block)
+        if isinstance(block.tree, Import):
+            imports.append((block, _unusual(block.tree)))
+        elif value is not None and is_constant(value, constants):
+            before = constants.get(name, []) if name in _names_read(value) else []
+            constants[name] = [*before, block]
+    by_name = {f.name: f for f in found if f.tree is not None and f.name != main.name}
+    needed, names, queue = [main], set[str](), [main]
+    while queue:
+        read = set(_names_read(queue.pop().tree)) - names
+        names |= read
+        helpers = [by_name[name] for name in read & by_name.keys()]
+        queue += helpers
+        needed += helpers
+    for name in reversed(constants):
+        if name in names:  # each reads only those before it
+            names.update(read for block in constants[name] for read in _names_read(block.tree))
+    first = [block for block, bound in imports if bound & names]
+    first += [block for name, given in constants.items() if name in names for block in given]
+    parts = [part for block in first for part in zip(block.lines, block.text, strict=True)]
+    for function in [*sorted(needed[1:], key=lambda f: f.lines[0]), main]:
+        for number, text in function.decorators:
+            if not _DECORATORS.fullmatch(text):
+                raise CodeError("static", f"the decorator {text} is not allowed; the function needs none", number)
+        parts += [(function.lines[0], "")] if parts else []
+        parts += zip(function.lines, function.text, strict=True)
+    return parts
+
+
+def _refuse_hostile(block: Block) -> None:
+    """Refuses a statement beside the function that only an attack would write, at its line of the reply."""
+    try:
+        if isinstance(block.tree, Import):
+            import_names(block.tree)
+    except CodeError as error:
+        raise CodeError(error.check, str(error), block.lines[0]) from None
+    hostile = sorted(n for n in _names_read(block.tree) if n in _HOSTILE or n.startswith("__"))
+    if hostile:
+        raise CodeError("static", f"the name {hostile[0]} is not allowed anywhere in the code", block.lines[0])
+
+
+def _unusual(node: Import) -> set[str]:
+    """Returns the names that an import binds to something of torch, math or numpy, but for the usual ones."""
+    try:
+        bound = import_names(node)
+    except CodeError:  # of another draft
+        return set()
+    return {name for name, path in bound.items() if DEFAULT_MODULES.get(name) != path and path != "torch.Tensor"}

@@ -43,16 +43,15 @@ def read_reply(reply: str, kind: Kind, variables: Sequence[Variable], values: Ma
         variables: what the task offers.
         values: the value of each variable in real states.
     """
+    extracted = None
     try:
         extracted = extract(reply, kind)
-    except CodeError as error:
-        return Read(check=error.check, message=str(error), line=error.line)
-    try:
         source = parse(extracted.source)
         check_source(source, {variable.name: variable for variable in variables})
         program = trace(source, kind, values)
     except CodeError as error:
-        return Read(check=error.check, message=str(error), line=extracted.line_of(error.line))
+        line = error.line if extracted is None else extracted.line_of(error.line)
+        return Read(check=error.check, message=str(error), line=line)
     return Read(program.text, extracted.source, line=extracted.line_of(source.last_line))
 
 

@@ -1,85 +1,151 @@
-"""Lines of a reply to chunks of code, one for each function, by indentation and brackets; and safe parsing."""
+"""A reply to plain lines, and lines to blocks by indentation and brackets: functions, and statements beside them."""
 
 import ast
+import contextlib
+import html
+import json
 import re
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
+from porse.functions.read.source import parse_source
 from porse.functions.verdict import CodeError
 
 _FENCE = re.compile(r"\s*(`{3,}|~{3,})")
 _DEF = re.compile(r"(\s*)(async\s+)?def\s+(\w+)\s*\(")
 _TOKEN = re.compile(r"\"\"\"|'''|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|#.*|[()\[\]{}]")
+_THINKING = r"(think|thinking|reasoning)>"
 
 _MAX_STATEMENT_LINES = 60
+_MAX_STATEMENT_CHARACTERS = 4000
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """The lines of one function.
+class Block:
+    """The lines of one function, or of one statement.
 
     Attributes:
-        name: the function's name.
+        name: the function's name, "" for a statement.
         text: its lines, dedented, from `def` on.
         lines: the number of each line in the reply, counted from 1.
-        decorators: number and text of the decorator lines above it.
         region: which fenced or unfenced stretch of the reply it stands in.
+        tree: what it is, None where it is no Python.
+        error: why it is none.
+        decorators: number and text of the decorator lines above it.
     """
 
     name: str
     text: tuple[str, ...]
     lines: tuple[int, ...]
-    decorators: tuple[tuple[int, str], ...]
     region: int
+    tree: ast.stmt | None
+    error: CodeError | None = None
+    decorators: tuple[tuple[int, str], ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether it parses and returns a value somewhere."""
+        return self.tree is not None and any(isinstance(n, ast.Return) and n.value for n in ast.walk(self.tree))
 
 
-def regions(lines: list[str]) -> list[int]:
-    """Returns for each line the number of fences before it."""
-    numbers, region = [], 0
-    for line in lines:
-        region += bool(_FENCE.match(line))
-        numbers.append(region)
-    return numbers
+def unwrapped(reply: str) -> tuple[int, str]:
+    """Returns the code that stands as a text in a reply's JSON, and the line of the reply that it begins on; "" for none."""
+    start, end = reply.find("{"), reply.rfind("}")
+    if start < 0 or re.search(r"^\s*(async\s+)?def\s", reply, re.MULTILINE):
+        return 0, ""
+    try:
+        held = json.loads(reply[start : end + 1])
+    except (ValueError, RecursionError):
+        return 0, ""
+    held = held.values() if isinstance(held, dict) else ()
+    texts = [text for text in held if isinstance(text, str) and "def " in text]
+    return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
 
 
-def chunks(lines: list[str]) -> Iterator[Chunk]:
-    """Yields each function that is not inside another one, in order."""
-    where = regions(lines)
-    index = 0
+def plain_lines(reply: str) -> list[str]:
+    """Returns the lines of the reply with line ends, blanks, tabs, quotes of mail and escapes of HTML made plain."""
+    text = _without_thinking(re.sub(r"\r\n?", "\n", reply))
+    text = re.sub(r"[\u200b\u200d\u2060\ufeff\u00ad]", "", text).replace("\u00a0", " ")
+    if re.search(r"<(pre|code)\b", text):
+        text = re.sub(r"</?(pre|code|span)\b[^<>\n]*>", "", text)
+    if re.search(r"&(gt|lt|quot|amp|#39);", text):
+        text = html.unescape(text)
+    lines = [line.rstrip().expandtabs(4) for line in text.split("\n")]
+    if any(re.match(r">\s+(def|@)", line) for line in lines):
+        lines = [re.sub(r"^>\s?", "", line) for line in lines]
+    return lines
+
+
+def _without_thinking(text: str) -> str:
+    """Returns a text with blanks for what a model thought before it answered: drafts are no answer, closed or not."""
+    begin = max((match.end() for match in re.finditer(f"</{_THINKING}", text)), default=0)
+    start = re.compile(rf"^\s*<{_THINKING}", re.MULTILINE).search(text, begin)
+    end = start.start() if start else len(text)
+    return re.sub(r"[^\n]", "", text[:begin]) + text[begin:end] + re.sub(r"[^\n]", "", text[end:])
+
+
+def blocks(lines: list[str]) -> Iterator[Block]:
+    """Yields each function that is not inside another one, and each statement beside them, in order."""
+    index = region = 0
     while index < len(lines):
-        match = _DEF.match(lines[index].expandtabs(4))
-        if match is None:
-            index += 1
-            continue
-        end = _end(lines, index, len(match[1]))
-        block = [line.expandtabs(4) for line in lines[index:end]]
-        indent = len(match[1])
-        text = tuple(line[min(indent, len(line) - len(line.lstrip())) :] for line in block)
-        numbers = tuple(range(index + 1, end + 1))
-        yield Chunk(match[3], text, numbers, tuple(_decorators(lines, index)), where[index])
-        index = end
+        line = lines[index]
+        region += bool(_FENCE.match(line))
+        match = _DEF.match(line)
+        block = _function(lines, index, match, region) if match else _statement(lines, index, region)
+        if block is not None:
+            yield block
+        index += len(block.lines) if block is not None else 1
+
+
+def _function(lines: list[str], start: int, match: re.Match[str], region: int) -> Block:
+    indent = len(match[1])
+    end = _end(lines, start, indent)
+    text = tuple(line[min(indent, _depth(line)) :] for line in lines[start:end])
+    numbers = tuple(range(start + 1, end + 1))
+    tree, error = None, None
+    try:
+        body = parse_source("\n".join(text)).body
+        if len(body) == 1 and isinstance(body[0], ast.FunctionDef):
+            tree = body[0]
+        else:
+            error = CodeError("syntax", "expected one plain function", numbers[0])
+    except CodeError as found:
+        error = CodeError("syntax", str(found), numbers[min(max(found.line, 1), len(numbers)) - 1])
+    return Block(match[3], text, numbers, region, tree, error, tuple(_decorators(lines, start)))
+
+
+def _statement(lines: list[str], start: int, region: int) -> Block | None:
+    """Returns the statement that begins on a line and ends where its brackets do, None for prose."""
+    if not lines[start].strip() or lines[start].strip().startswith(("#", "@")):
+        return None
+    for text in (_bracketed(lines, start), (lines[start].strip(),)):
+        written = "\n".join(text)
+        with contextlib.suppress(CodeError):
+            body = parse_source(written).body if len(written) <= _MAX_STATEMENT_CHARACTERS else []
+            if len(body) == 1:
+                return Block("", text, tuple(range(start + 1, start + 1 + len(text))), region, body[0])
+    return None
+
+
+def _depth(line: str) -> int:
+    return len(line) - len(line.lstrip())
 
 
 def _end(lines: list[str], start: int, indent: int) -> int:
     """Returns the index after the last line of the function that starts at `start`."""
     depth, quote, end = 0, "", start + 1
-    for index in range(start, len(lines)):
-        line = lines[index].expandtabs(4)
-        if _FENCE.match(line) and index > start:
-            break
-        open_line = depth > 0 or quote
-        blank = not line.strip() or line.lstrip().startswith("#")
-        if index > start and not open_line and not blank and len(line) - len(line.lstrip()) <= indent:
+    for index, line in enumerate(lines[start:], start=start):
+        is_blank = not line.strip() or line.lstrip().startswith("#")
+        goes_on = depth > 0 or quote or _depth(line) > indent
+        if index > start and (_FENCE.match(line) or not (goes_on or is_blank)):
             break
         depth, quote = _advance(line, depth, quote)
-        if not blank or open_line or len(line) - len(line.lstrip()) > indent:
-            end = index + 1 if line.strip() else end
+        if line.strip() and (goes_on or not is_blank):
+            end = index + 1
     return end
 
 
-def bracketed(lines: list[str], start: int) -> list[str]:
+def _bracketed(lines: list[str], start: int) -> tuple[str, ...]:
     """Returns the line at index `start`, stripped, and those after it until its brackets are closed; few at most."""
     depth, quote, block = 0, "", []
     for line in lines[start : start + _MAX_STATEMENT_LINES]:
@@ -87,22 +153,21 @@ def bracketed(lines: list[str], start: int) -> list[str]:
         depth, quote = _advance(line, depth, quote)
         if not depth or quote:
             break
-    return block
+    return tuple(block)
 
 
 def _advance(line: str, depth: int, quote: str) -> tuple[int, str]:
     """Returns bracket depth and open triple quote after `line`."""
     position = 0
-    while position < len(line):
+    while True:
         if quote:
             close = line.find(quote, position)
             if close < 0:
                 return depth, quote
             position, quote = close + 3, ""
-            continue
         match = _TOKEN.search(line, position)
         if match is None:
-            break
+            return depth, quote
         position, token = match.end(), match[0]
         if token in ('"""', "'''"):
             quote = token
@@ -110,7 +175,6 @@ def _advance(line: str, depth: int, quote: str) -> tuple[int, str]:
             depth += 1
         elif token in ")]}":
             depth = max(depth - 1, 0)
-    return depth, quote
 
 
 def _decorators(lines: list[str], index: int) -> list[tuple[int, str]]:
@@ -118,52 +182,5 @@ def _decorators(lines: list[str], index: int) -> list[tuple[int, str]]:
     while index > 0 and (lines[index - 1].strip().startswith("@") or (found and not lines[index - 1].strip())):
         index -= 1
         if lines[index].strip():
-            found.insert(0, (index + 1, lines[index]))
+            found.insert(0, (index + 1, lines[index].strip()))
     return found
-
-
-def parse_source(source: str) -> ast.Module:
-    """Returns the syntax tree of `source`, at most so large and so deep.
-
-    Raises:
-        CodeError: it is no Python, or too large; check "syntax" with the line of `source`.
-    """
-    hidden = next((c for c in source if c != "\n" and not c.isprintable()), "")
-    if hidden:
-        line = source[: source.index(hidden)].count("\n") + 1
-        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
-    return _parse(source)
-
-
-def text_of(tree: ast.AST) -> str:
-    """Returns a tree as Python text, "" where it has none: not every f-string can be written anew."""
-    try:
-        return ast.unparse(tree)
-    except ValueError:
-        return ""
-
-
-def _parse(text: str) -> ast.Module:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = ast.parse(text)
-    except SyntaxError as error:
-        message = f"{error.msg}: {(error.text or '').strip()[:200]}"
-        raise CodeError("syntax", message, error.lineno or 1) from None
-    except (ValueError, RecursionError, MemoryError):
-        raise CodeError("syntax", "it is too deeply nested, or holds a null character", 1) from None
-    _bound(tree)
-    return tree
-
-
-def _bound(tree: ast.AST) -> None:
-    """Refuses a tree that is too large or too deep, without recursion."""
-    count = 0
-    level: list[tuple[ast.AST, int]] = [(tree, 0)]
-    while level:
-        node, depth = level.pop()
-        count += 1
-        if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
-            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
-        level.extend((child, depth + 1) for child in ast.iter_child_nodes(node))

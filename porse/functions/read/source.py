@@ -1,21 +1,18 @@
 """The stored source of a function: main function, helpers, constants, and the names of modules. Nothing of it is run here."""
 
 import ast
-from collections.abc import Container, Iterator
+import warnings
+from collections.abc import Container
 from dataclasses import dataclass
 
-from porse.functions.contract import MAX_SOURCE_LINES, MODULES
-from porse.functions.read.scan import parse_source
+from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES, MODULES
 from porse.functions.verdict import CodeError, words
 
+Import = ast.Import | ast.ImportFrom
+
 DEFAULT_MODULES = {
-    "torch": "torch",
-    "math": "math",
-    "F": "torch.nn.functional",
-    "nn": "torch.nn",
-    "np": "numpy",
-    "numpy": "numpy",
-}
+    "torch": "torch", "math": "math", "F": "torch.nn.functional", "nn": "torch.nn", "np": "numpy", "numpy": "numpy",
+}  # fmt: skip
 _NODES = (
     ast.Constant, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.BoolOp, ast.boolop, ast.List, ast.Tuple, ast.Dict,
     ast.Subscript, ast.Call, ast.keyword, ast.Name, ast.Attribute, ast.Load,
@@ -30,21 +27,21 @@ class Source:
     """A parsed source.
 
     Attributes:
-        main: the function itself, the last one of the source.
-        helpers: the other functions by name.
-        constants: the module's and the classes' constants by name, in their order.
+        tree: its constants and functions, in their order; the main function comes last.
+        functions: the functions.
+        constants: the names of the module's and the classes' constants.
         modules: dotted path for each name that stands for a module or for something imported from one.
     """
 
-    main: ast.FunctionDef
-    helpers: dict[str, ast.FunctionDef]
-    constants: dict[str, ast.Assign | ast.AnnAssign]
+    tree: ast.Module
+    functions: list[ast.FunctionDef]
+    constants: set[str]
     modules: dict[str, str]
 
     @property
-    def functions(self) -> list[ast.FunctionDef]:
-        """All functions, the main one last."""
-        return [*self.helpers.values(), self.main]
+    def main(self) -> ast.FunctionDef:
+        """The function itself."""
+        return self.functions[-1]
 
     @property
     def last_line(self) -> int:
@@ -53,49 +50,73 @@ class Source:
         return max(lines, default=self.main.lineno)
 
 
+def parse_source(text: str) -> ast.Module:
+    """Returns the syntax tree of a text, at most so large and so deep.
+
+    Raises:
+        CodeError: it is no Python, or too large; check "syntax" with the line of the text.
+    """
+    hidden = next((c for c in text if c != "\n" and not c.isprintable()), "")
+    if hidden:
+        line = text[: text.index(hidden)].count("\n") + 1
+        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text)
+    except SyntaxError as error:
+        raise CodeError("syntax", f"{error.msg}: {(error.text or '').strip()[:200]}", error.lineno or 1) from None
+    except (ValueError, RecursionError, MemoryError):
+        raise CodeError("syntax", "it is too deeply nested, or holds a null character", 1) from None
+    count = 0
+    rest: list[tuple[ast.AST, int]] = [(tree, 0)]
+    while rest:  # without recursion, which could go too deep itself
+        node, depth = rest.pop()
+        count += 1
+        if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
+            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
+        rest += [(child, depth + 1) for child in ast.iter_child_nodes(node)]
+    return tree
+
+
 def parse(text: str) -> Source:
     """Returns the parts of a source.
 
     Raises:
         CodeError: it holds anything but imports of allowed modules, constants and functions.
     """
-    if text.count("\n") > MAX_SOURCE_LINES + 2 or len(text) > 400 * MAX_SOURCE_LINES:
-        raise CodeError("syntax", f"expected at most {MAX_SOURCE_LINES} lines of code, found {text.count(chr(10))}")
-    functions: dict[str, ast.FunctionDef] = {}
-    constants: dict[str, ast.Assign | ast.AnnAssign] = {}
-    modules = dict(DEFAULT_MODULES)
-    for node in parse_source(text).body:
-        if isinstance(node, ast.FunctionDef):
-            if node.decorator_list:
-                raise CodeError("static", "decorators are not allowed in a stored function", node.lineno)
-            functions.pop(node.name, None)
-            functions[node.name] = node
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            modules.update(import_names(node))
-        elif isinstance(node, ast.Assign | ast.AnnAssign) and constant_of(node)[0]:
-            name, value = constant_of(node)
+    tree = parse_source(text)
+    body: list[ast.stmt] = []
+    constants: set[str] = set()
+    for node in tree.body:
+        name, value = constant_of(node)
+        if value is not None:
             if name in _OF_EVERY_TASK:
                 continue
-            if value is None or not is_constant(value, constants):
+            if not is_constant(value, constants):
                 raise CodeError("static", f"the constant {name} is not computed from numbers alone", node.lineno)
-            constants.pop(name, None)
-            constants[name] = node
-        else:
+            constants.add(name)
+        elif not isinstance(node, ast.FunctionDef | Import):
             raise CodeError("static", f"a {type(node).__name__} statement is not allowed beside functions", node.lineno)
+        body.append(node)
+    functions = [node for node in body if isinstance(node, ast.FunctionDef)]
     if not functions:
         raise CodeError("extract", "expected a function, found none")
-    *helpers, main = functions.values()
-    for inner in (node for function in functions.values() for node in ast.walk(function)):
-        if isinstance(inner, ast.Import | ast.ImportFrom):
+    modules = dict(DEFAULT_MODULES)
+    for inner in ast.walk(tree):
+        if isinstance(inner, Import):
             modules.update(import_names(inner))
-    return Source(main, {helper.name: helper for helper in helpers}, constants, modules)
+    return Source(ast.Module(body, []), functions, constants, modules)
 
 
-def constant_of(node: ast.Assign | ast.AnnAssign) -> tuple[str, ast.expr | None]:
-    """Returns the name and the value of an assignment to one name, an empty name for any other."""
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-    is_one = len(targets) == 1 and isinstance(targets[0], ast.Name) and node.value is not None
-    return (targets[0].id, node.value) if is_one and isinstance(targets[0], ast.Name) else ("", None)
+def constant_of(node: ast.stmt | None) -> tuple[str, ast.expr | None]:
+    """Returns the name and the value of an assignment to one name, an empty name for any other statement."""
+    match node:
+        case (
+            ast.Assign(targets=[ast.Name(id=name)], value=value) | ast.AnnAssign(target=ast.Name(id=name), value=value)
+        ):
+            return (name, value) if value is not None else ("", None)
+    return "", None
 
 
 def is_constant(value: ast.expr, known: Container[str]) -> bool:
@@ -103,16 +124,15 @@ def is_constant(value: ast.expr, known: Container[str]) -> bool:
 
     That is its form alone: where it is used it is held against the same lists as the function.
     """
-    if isinstance(value, ast.Name | ast.Call) and is_class(value):
-        return True
-    for node in ast.walk(value):
+    for node in ast.walk(value) if not is_class(value) else ():
+        match node:
+            case ast.Name(id=name) if name not in _OFFERED and name not in known:
+                return False
+            case ast.Attribute(value=owner) if not isinstance(owner, ast.Name):
+                return False
+            case ast.Call(func=called) if not isinstance(called, ast.Name | ast.Attribute):
+                return False
         if not isinstance(node, _NODES):
-            return False
-        if isinstance(node, ast.Name) and node.id not in _OFFERED and node.id not in known:
-            return False
-        if isinstance(node, ast.Attribute) and not isinstance(node.value, ast.Name):
-            return False
-        if isinstance(node, ast.Call) and not isinstance(node.func, ast.Name | ast.Attribute):
             return False
     return True
 
@@ -123,63 +143,34 @@ def is_class(value: ast.expr) -> bool:
     return isinstance(made, ast.Name) and made.id[:1].isupper() and not made.id.isupper()
 
 
-def import_names(node: ast.Import | ast.ImportFrom) -> dict[str, str]:
-    """Returns what an import line would bind: local name to dotted path. Nothing is imported.
+def import_names(node: Import) -> dict[str, str]:
+    """Returns what an import line would bind of torch, math and numpy: local name to dotted path. Nothing is imported.
 
     Raises:
         CodeError: the module is not one of `MODULES`.
     """
-    if isinstance(node, ast.ImportFrom):
-        module = "." * node.level + (node.module or "")
-        pairs = [(alias.asname or alias.name, f"{module}.{alias.name}") for alias in node.names if alias.name != "*"]
-    else:
-        module = node.names[0].name
-        pairs = [(a.asname or a.name.split(".")[0], a.name if a.asname else a.name.split(".")[0]) for a in node.names]
-    for path in [module, *(path for _, path in pairs)]:
-        if path.split(".")[0] not in MODULES:
-            raise CodeError(
-                "static", f"the import of {path} is not allowed; only torch, math and typing are offered", node.lineno
-            )
-    return {name: path for name, path in pairs if path.split(".")[0] in ("torch", "math", "numpy")}
+    names = {}
+    module = "." * node.level + (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+    for alias in node.names:
+        path = f"{module}.{alias.name}" if module else alias.name
+        root = path.split(".")[0]
+        if root not in MODULES:
+            message = f"the import of {module or path} is not allowed; only torch, math and typing are offered"
+            raise CodeError("static", message, node.lineno)
+        if root in ("torch", "math", "numpy") and alias.name != "*":
+            is_whole = module or alias.asname
+            names[alias.asname or (alias.name if module else root)] = path if is_whole else root
+    return names
 
 
-def all_arguments(function: ast.FunctionDef) -> list[ast.arg]:
-    """Returns the arguments of a function but `self`, in order."""
-    arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-    return [a for i, a in enumerate(arguments) if not (i == 0 and a.arg == "self")]
+def arguments(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
+    """Returns the arguments of a function by name, each with its default; `self` is one of them."""
+    given = function.args
+    names = [argument.arg for argument in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
+    required = len(given.posonlyargs) + len(given.args) - len(given.defaults)
+    return dict(zip(names, [*[None] * required, *given.defaults, *given.kw_defaults], strict=True))
 
 
 def takes_self(function: ast.FunctionDef) -> bool:
     """Whether `self` is a function's first argument."""
-    return bool(function.args.args) and function.args.args[0].arg == "self"
-
-
-def defaults(function: ast.FunctionDef) -> dict[str, ast.expr]:
-    """Returns the default values of arguments by name."""
-    positional = [*function.args.posonlyargs, *function.args.args]
-    found = dict(zip([a.arg for a in positional][::-1], function.args.defaults[::-1], strict=False))
-    pairs = zip(function.args.kwonlyargs, function.args.kw_defaults, strict=True)
-    found.update({a.arg: value for a, value in pairs if value is not None})
-    return found
-
-
-def bound_names(function: ast.FunctionDef) -> Iterator[str]:
-    """Yields every name that a function binds, those of functions in it included: arguments, assignments, functions."""
-    for node in ast.walk(function):
-        if isinstance(node, ast.arg):
-            yield node.arg
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
-        elif isinstance(node, ast.FunctionDef) and node is not function:
-            yield node.name
-
-
-def module_path(node: ast.expr, modules: dict[str, str], local: Container[str]) -> str:
-    """Returns the dotted path of an attribute chain that starts at a module's name, "" for anything else."""
-    names: list[str] = []
-    while isinstance(node, ast.Attribute):
-        names.insert(0, node.attr)
-        node = node.value
-    if isinstance(node, ast.Name) and node.id in modules and node.id not in local:
-        return ".".join([modules[node.id], *names])
-    return ""
+    return next(iter(arguments(function)), "") == "self"
