@@ -52,7 +52,12 @@ class Sandbox:
         self._folder = tempfile.TemporaryDirectory(prefix="porse-probe-")
         root = str(Path(__file__).resolve().parents[3])
         environment = {**ENVIRONMENT["portable"], "PYTHONPATH": root, "LC_ALL": "C.UTF-8", "HOME": self._folder.name}
-        environment |= {"TMPDIR": self._folder.name, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1", **_LARGE_PAGES}
+        environment |= {
+            "TMPDIR": self._folder.name,
+            "PYTHONHASHSEED": "0",
+            "PYTHONDONTWRITEBYTECODE": "1",
+            **_LARGE_PAGES,
+        }
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-s", "-m", self._module],
             stdin=subprocess.PIPE,

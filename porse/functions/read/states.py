@@ -54,3 +54,9 @@ def load_states(path: Path, variables: Sequence[Variable]) -> dict[str, Any]:
                 f" {', '.join(sorted([*tensors, *scalars]))}; write the file again with save_states"
             )
     return values
+
+
+def of_environments(values: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """Returns the variables of so many environments: the same states again and again."""
+    index = torch.arange(count) % values["num_envs"]
+    return {n: v[index] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
