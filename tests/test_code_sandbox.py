@@ -81,7 +81,7 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, 
     monkeypatch.setenv("PORSE_SECRET", "canary")
     with Sandbox(Limits()) as running:
         running.load(states, VARIABLES)
-        process, folder = running._process, running._folder.name
+        process, folder = running._process, running._folder
         with open(f"/proc/{process.pid}/environ", "rb") as file:
             assert b"canary" not in file.read()
         assert os.readlink(f"/proc/{process.pid}/cwd") == folder
