@@ -12,9 +12,8 @@ import pytest
 
 from code_cases import VARIABLES, reward, values
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import ProbeError, Sandbox
+from porse.functions.read.sandbox import ProbeError, Sandbox, Submission, validate
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission, validate
 
 GOOD = reward("x = a[:, 0] + b[:, 0]")
 SLOW = reward(

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from porse.config import Params
 from porse.functions.read.limits import Limits
+from porse.functions.read.sandbox import Submission, validate
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission, validate
 from porse.functions.verdict import Verdict
 from porse.generation.functions import Attempt
 from porse.identity import seed_for

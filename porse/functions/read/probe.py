@@ -1,4 +1,4 @@
-"""The child's side of the sandbox: `python -m porse.functions.read.probe`, lines of JSON in and out.
+"""The child's side of the sandbox: `python -m porse.functions.read.probe LIMITS`, lines of JSON in and out.
 
 It loads torch once, then forks twice for every reply: one process reads it, runs it as Python and leaves an operator list; the
 other tries the list and judges. What one function breaks ends with its own process.
@@ -33,9 +33,9 @@ Load = Callable[[dict[str, Any]], tuple[Sequence[Variable], Mapping[str, Any]]]
 
 
 def serve(load: Load) -> None:
-    """Serves requests from standard input until it ends: first the limits, then states, then functions."""
+    """Serves requests from standard input until it ends: states, then functions. Its limits are its argument."""
     torch.set_num_threads(1)
-    limits = Limits(**json.loads(sys.stdin.buffer.readline())["limits"])
+    limits = Limits(**json.loads(sys.argv[1]))
     answers = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     variables: Sequence[Variable] = []
@@ -50,7 +50,7 @@ def serve(load: Load) -> None:
             continue
         try:
             variables, values = load(request)
-            send(answers, {"variables": [asdict(variable) for variable in variables]})
+            send(answers, {"ready": True})
         except Exception as error:  # whatever is wrong with the states is told to the parent
             send(answers, {"error": str(error)})
 

@@ -1,13 +1,14 @@
 """The parent's side of the probe: one child process that loads torch once, and a verdict for each source sent to it."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -20,6 +21,14 @@ from porse.variables import Variable
 
 _LARGE_PAGES = {"PYTHONMALLOC": "malloc", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 """Python's memory from the C library, and that in pages of 2 MiB: a fork then takes a third of the time."""
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A model's whole reply, and the kind of function that it should hold."""
+
+    reply: str
+    kind: Kind
 
 
 class ProbeError(PorseError):
@@ -51,7 +60,7 @@ class Sandbox(contextlib.ExitStack):
         environment = {**ENVIRONMENT["portable"], **_LARGE_PAGES, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
         environment |= {"LC_ALL": "C.UTF-8", "HOME": self._folder, "TMPDIR": self._folder}
         process = subprocess.Popen(
-            [sys.executable, "-P", "-s", "-m", self._module],
+            [sys.executable, "-P", "-s", "-m", self._module, json.dumps(asdict(self._limits))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -62,7 +71,6 @@ class Sandbox(contextlib.ExitStack):
         )
         self._process = self.enter_context(process)
         self.callback(self._kill)
-        self._send({"limits": asdict(self._limits)})
 
     def _kill(self) -> None:
         """Ends the child process and all that it started."""
@@ -77,18 +85,17 @@ class Sandbox(contextlib.ExitStack):
         """
         self.prepare({"states": str(states.resolve()), "variables": [asdict(variable) for variable in variables]})
 
-    def prepare(self, request: dict[str, Any]) -> list[Variable]:
-        """Makes the child get its states as its program does, and returns the variables that they are of.
+    def prepare(self, request: dict[str, Any]) -> None:
+        """Makes the child get its states as its program does.
 
         Raises:
             ProbeError: it could not.
         """
         self._request = request
         answer = self._answer(request, self._limits.startup_s)
-        if "variables" not in answer:
+        if "ready" not in answer:
             found = answer.get("error") or "the process that tries functions out ended, or did not start in time"
             raise ProbeError(str(found))
-        return [Variable(**{**v, "shape": tuple(v["shape"])}) for v in answer["variables"]]
 
     def judge(self, reply: str, kind: Kind) -> tuple[Verdict, str]:
         """Returns the verdict on one reply and the source of the function in it, "" when it did not pass."""
@@ -103,17 +110,14 @@ class Sandbox(contextlib.ExitStack):
             return Verdict(False, "crash", "the probe process ended while it ran this function", 0), ""
 
     def _answer(self, message: Mapping[str, Any], wall_s: float) -> dict[str, Any]:
-        """Returns the child's answer to a message, {} when there is none in time."""
-        self._send(message)
-        assert self._process.stdout is not None  # it was opened as a pipe
-        with contextlib.suppress(TimeoutError):
-            return receive(self._process.stdout.fileno(), wall_s)
+        """Returns the child's answer to a message, {} when it has ended, or gives none in time."""
+        pipes = self._process.stdin, self._process.stdout
+        assert pipes[0] is not None  # both were opened as pipes
+        assert pipes[1] is not None
+        with contextlib.suppress(BrokenPipeError, TimeoutError):
+            send(pipes[0].fileno(), message)
+            return receive(pipes[1].fileno(), wall_s)
         return {}
-
-    def _send(self, message: Mapping[str, Any]) -> None:
-        assert self._process.stdin is not None  # it was opened as a pipe
-        with contextlib.suppress(BrokenPipeError):  # a child that has ended is noticed when it does not answer
-            send(self._process.stdin.fileno(), message)
 
 
 def _verdict(found: Mapping[str, Any]) -> Verdict:
@@ -128,3 +132,23 @@ def _verdict(found: Mapping[str, Any]) -> Verdict:
         warning=str(found.get("warning", ""))[:4000],
         program=str(found.get("program", "")),
     )
+
+
+def validate(
+    submissions: Sequence[Submission], variables: Sequence[Variable], states: Path, limits: Limits
+) -> list[tuple[Verdict, str]]:
+    """Returns for each submission, in order, its verdict and its normalised source, "" when it did not pass.
+
+    One child process serves all submissions, each in processes of its own that end with it.
+
+    Args:
+        submissions: the replies.
+        variables: what the task offers.
+        states: real states of the task, written by `save_states`.
+        limits: what one function may use.
+    """
+    if not submissions:
+        return []
+    with Sandbox(limits) as sandbox:
+        sandbox.load(states, variables)
+        return [sandbox.judge(submission.reply, submission.kind) for submission in submissions]

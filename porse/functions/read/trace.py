@@ -223,6 +223,8 @@ def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> No
     """Has the results written down in their plain form: float32 of shape (num_envs,), a reward's total first."""
     names, values, recorder.call.rises = _of_reward(returned) if kind == "reward" else _of_mapping(returned)
     most, what = (MAX_COMPONENTS, "component") if kind == "reward" else (MAX_NAMES, "progress variable")
+    if not all(isinstance(name, str) for name in names):
+        raise CodeError("return", f"expected the names of {what}s to be text, found {_kind(names)}")
     titles = [f"{what} {name}" for name in names] + ["total reward"] * (kind == "reward")
     for title, value in zip(titles, values, strict=True):
         if not isinstance(value, Tensor):
@@ -250,9 +252,6 @@ def _of_reward(returned: Any) -> tuple[list[str], list[Any], tuple[bool, ...]]:
         found = f"expected two results, the total reward and a dictionary of components, found {_kind(returned)}"
         raise CodeError("return", found)
     total, components = returned
-    for name in components:
-        if not isinstance(name, str):
-            raise CodeError("return", f"expected component names to be text, found {_kind(name)}")
     # A component may be one number, which stands for every environment.
     values = [torch.tensor(float(v)) if isinstance(v, int | float) else v for v in components.values()]
     return list(components), [*values, total], ()
@@ -267,8 +266,8 @@ def _of_mapping(returned: Any) -> tuple[list[str], list[Any], tuple[bool, ...]]:
     if not len(values) == len(flags) == len(names):
         found = f"{len(values)} progress variables, {len(flags)} directions and {len(names)} names"
         raise CodeError("return", f"expected three lists of one length, found {found}")
-    if not all(isinstance(flag, bool) for flag in flags) or not all(isinstance(name, str) for name in names):
-        raise CodeError("return", "expected directions to be True or False and names to be text")
+    if not all(isinstance(flag, bool) for flag in flags):
+        raise CodeError("return", f"expected directions to be True or False, found {_kind(flags)}")
     return names, values, tuple(flags)
 
 
@@ -313,9 +312,9 @@ def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:
     if all(type(value) is int for value in found):
         times = (found[2] - found[0]) // (counts[2] - counts[0])
         candidates = [Rows(times, found[0] - times * counts[0])]
-    elif all(type(value) is float for value in found):
+    elif all(type(value) is float and math.isfinite(value) for value in found):
         of = found[0] * counts[0]
-        candidates = [Share(of), *([Share(float(round(of)))] if math.isfinite(of) else [])]
+        candidates = [Share(of), Share(float(round(of)))]
     for grown in candidates:
         if all(grown.at(count) == value for count, value in zip(counts, found, strict=True)):
             return grown
