@@ -28,12 +28,12 @@ _ending: list[int] = []
 """Processes that have answered and have been told to end."""
 
 
-Load = Callable[[dict[str, Any]], tuple[Sequence[Variable], Mapping[str, Any]]]
-"""From the request that prepares a probe to the variables of a task and their values in real states."""
+def serve(load: Callable[[dict[str, Any]], tuple[Sequence[Variable], Mapping[str, Any]]]) -> None:
+    """Serves requests from standard input until it ends: states, then functions. Its limits are its argument.
 
-
-def serve(load: Load) -> None:
-    """Serves requests from standard input until it ends: states, then functions. Its limits are its argument."""
+    Args:
+        load: from the request for states to the variables of a task and their values in real states.
+    """
     torch.set_num_threads(1)
     limits = Limits(**json.loads(sys.argv[1]))
     answers = os.dup(1)

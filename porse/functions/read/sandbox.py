@@ -4,12 +4,12 @@ import contextlib
 import json
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 from typing import Any, get_args
 
 from porse.errors import PorseError
@@ -59,15 +59,10 @@ class Sandbox(contextlib.ExitStack):
         self._folder = self.enter_context(tempfile.TemporaryDirectory(prefix="porse-probe-"))
         environment = {**ENVIRONMENT["portable"], **_LARGE_PAGES, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
         environment |= {"LC_ALL": "C.UTF-8", "HOME": self._folder, "TMPDIR": self._folder}
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-s", "-m", self._module, json.dumps(asdict(self._limits))],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            cwd=self._folder,
-            env=environment | {"PYTHONPATH": str(Path(__file__).resolve().parents[3])},
-            start_new_session=True,
+        environment["PYTHONPATH"] = str(Path(__file__).resolve().parents[3])
+        command = [sys.executable, "-P", "-s", "-m", self._module, json.dumps(asdict(self._limits))]
+        process = Popen(
+            command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
         )
         self._process = self.enter_context(process)
         self.callback(self._kill)

@@ -45,6 +45,11 @@ _TAKES_OUT = (
 _REASONS = {"is_nonzero": _BRANCHES, "item": _TAKES_OUT, "_local_scalar_dense": _TAKES_OUT}
 """Why operators are refused whose results' shapes, or Python's own course, follow from the numbers in a tensor."""
 
+_WANTED: dict[Kind, str] = {
+    "reward": "two results, the total reward and a dictionary of components",
+    "mapping": "three lists, progress variables, directions and names",
+}
+
 
 @dataclass(frozen=True)
 class _At:
@@ -221,7 +226,7 @@ def _line_of(error: BaseException) -> int:
 
 def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> None:
     """Has the results written down in their plain form: float32 of shape (num_envs,), a reward's total first."""
-    names, values, recorder.call.rises = _of_reward(returned) if kind == "reward" else _of_mapping(returned)
+    names, values, recorder.call.rises = _parts(kind, returned)
     most, what = (MAX_COMPONENTS, "component") if kind == "reward" else (MAX_NAMES, "progress variable")
     if not all(isinstance(name, str) for name in names):
         raise CodeError("return", f"expected the names of {what}s to be text, found {_kind(names)}")
@@ -246,29 +251,24 @@ def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> No
     recorder.call.results = [recorder.place(vector) for vector in vectors[len(names) :] + vectors[: len(names)]]
 
 
-def _of_reward(returned: Any) -> tuple[list[str], list[Any], tuple[bool, ...]]:
-    """Returns the names of a reward's components, their values with the total last, and no directions."""
-    if not isinstance(returned, tuple | list) or len(returned) != 2 or not isinstance(returned[1], dict):
-        found = f"expected two results, the total reward and a dictionary of components, found {_kind(returned)}"
-        raise CodeError("return", found)
-    total, components = returned
-    # A component may be one number, which stands for every environment.
-    values = [torch.tensor(float(v)) if isinstance(v, int | float) else v for v in components.values()]
-    return list(components), [*values, total], ()
-
-
-def _of_mapping(returned: Any) -> tuple[list[str], list[Any], tuple[bool, ...]]:
-    """Returns the names of a mapping's progress variables, their values and their directions."""
-    if not isinstance(returned, tuple | list) or len(returned) != 3:
-        found = f"expected three lists, progress variables, directions and names, found {_kind(returned)}"
-        raise CodeError("return", found)
-    values, flags, names = (list(part) if isinstance(part, list | tuple) else [part] for part in returned)
-    if not len(values) == len(flags) == len(names):
-        found = f"{len(values)} progress variables, {len(flags)} directions and {len(names)} names"
-        raise CodeError("return", f"expected three lists of one length, found {found}")
-    if not all(isinstance(flag, bool) for flag in flags):
-        raise CodeError("return", f"expected directions to be True or False, found {_kind(flags)}")
-    return names, values, tuple(flags)
+def _parts(kind: Kind, returned: Any) -> tuple[list[Any], list[Any], tuple[bool, ...]]:
+    """Returns the names of components or progress variables, their values with a reward's total last, and directions."""
+    match kind, returned:
+        case "reward", [total, dict() as components]:
+            # A component may be one number, which stands for every environment.
+            values = [torch.tensor(float(v)) if isinstance(v, int | float) else v for v in components.values()]
+            return list(components), [*values, total], ()
+        case "mapping", [_, _, _]:
+            values, flags, names = (list(part) if isinstance(part, list | tuple) else [part] for part in returned)
+            if not len(values) == len(flags) == len(names):
+                found = f"{len(values)} progress variables, {len(flags)} directions and {len(names)} names"
+                raise CodeError("return", f"expected three lists of one length, found {found}")
+            if not all(isinstance(flag, bool) for flag in flags):
+                raise CodeError(
+                    "return", f"expected directions to be True or False, found {', '.join(map(_kind, flags))}"
+                )
+            return names, values, tuple(flags)
+    raise CodeError("return", f"expected {_WANTED[kind]}, found {_kind(returned)}")
 
 
 def _kind(value: Any) -> str:
@@ -312,7 +312,7 @@ def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:
     if all(type(value) is int for value in found):
         times = (found[2] - found[0]) // (counts[2] - counts[0])
         candidates = [Rows(times, found[0] - times * counts[0])]
-    elif all(type(value) is float and math.isfinite(value) for value in found):
+    elif all(type(value) is float and math.isfinite(value * _MANY) for value in found):
         of = found[0] * counts[0]
         candidates = [Share(of), Share(float(round(of)))]
     for grown in candidates:
