@@ -6,10 +6,9 @@ from typing import Any
 import torch
 
 from porse.functions.read.check import check_source
-from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.source import parse
 from porse.functions.read.trace import trace
-from porse.functions.read.validate import Submission
 from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
 from porse.functions.run.program import Program
 from porse.functions.verdict import Kind, Verdict

@@ -8,9 +8,8 @@ import torch
 from code_attacks import ATTACKS, HARMLESS_LOOKALIKES, TRACER_ATTACKS
 from code_cases import VARIABLES, judge, values
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission
 
 
 @pytest.fixture(scope="module")

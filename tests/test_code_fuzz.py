@@ -11,9 +11,8 @@ from code_cases import VARIABLES, compile_reward, judge, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
 from porse.functions.read.extract import Extracted, extract
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission
 from porse.functions.verdict import CodeError
 
 REPLIES = [path.read_bytes().decode() for path in sorted((Path(__file__).parent / "replies").glob("*.md"))]

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 import torch
 
-from code_cases import compile_mapping, compile_reward, judge
+from code_cases import compile_mapping, compile_reward
 from porse.functions.contract import FUNCTION_NAMES
 from porse.functions.read.extract import extract
 from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
-from porse.functions.read.validate import Submission
 from porse.sim import rotations
 from porse.tasks import make_task
 
@@ -44,11 +43,11 @@ def test_the_corpus_is_large_enough_and_has_both_kinds_of_both():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_replies_get_their_verdicts(sandbox, task):
-    variables = sandbox.prepare({"task": task, "root": "."})
+    sandbox.prepare({"task": task, "root": "."})
     wrong = []
     for entry in (entry for entry in INDEX if entry["task"] == task):
         reply = (REPLIES / entry["file"]).read_bytes().decode()
-        verdict, source = judge(Submission(reply, entry["kind"]), variables, sandbox)
+        verdict, source = sandbox.judge(reply, entry["kind"])
         if entry["check"] == "ok":
             right = verdict.passed and source
             right = right and (list(verdict.names), list(verdict.rises)) == (entry["names"], entry["rises"])
@@ -63,12 +62,12 @@ def test_replies_get_their_verdicts(sandbox, task):
 
 def test_the_stored_source_gets_the_same_verdict_as_the_reply(sandbox):
     """What a candidate keeps is what was judged: judging it again changes nothing, not even the source."""
-    variables = sandbox.prepare({"task": "Quadcopter", "root": "."})
+    sandbox.prepare({"task": "Quadcopter", "root": "."})
     entries = [entry for entry in INDEX if entry["task"] == "Quadcopter" and entry["check"] == "ok"]
     for entry in entries[::5]:
         reply = (REPLIES / entry["file"]).read_bytes().decode()
-        first, source = judge(Submission(reply, entry["kind"]), variables, sandbox)
-        again, stored = judge(Submission(source, entry["kind"]), variables, sandbox)
+        first, source = sandbox.judge(reply, entry["kind"])
+        again, stored = sandbox.judge(source, entry["kind"])
         assert (again, stored) == (first, source), entry["file"]
 
 

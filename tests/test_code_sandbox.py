@@ -12,9 +12,8 @@ import pytest
 
 from code_cases import VARIABLES, reward, values
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import ProbeError, Sandbox
+from porse.functions.read.sandbox import ProbeError, Sandbox, Submission, validate
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission, validate
 
 GOOD = reward("x = a[:, 0] + b[:, 0]")
 SLOW = reward(
@@ -81,7 +80,7 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, 
     monkeypatch.setenv("PORSE_SECRET", "canary")
     with Sandbox(Limits()) as running:
         running.load(states, VARIABLES)
-        process, folder = running._process, running._folder.name
+        process, folder = running._process, running._folder
         with open(f"/proc/{process.pid}/environ", "rb") as file:
             assert b"canary" not in file.read()
         assert os.readlink(f"/proc/{process.pid}/cwd") == folder

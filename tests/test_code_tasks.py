@@ -6,9 +6,8 @@ import pytest
 
 from code_cases import judge, values
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission
 from porse.tasks import TASKS
 
 REWARDS = [

@@ -10,9 +10,8 @@ import torch
 from code_cases import compile_mapping, compile_reward, judge
 from porse.errors import TaskError
 from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.states import save_states
-from porse.functions.read.validate import Submission
 from porse.generation.grammar import mapping_text, reward_text, spliced_mapping_text, values_text
 from porse.generation.grammar_rules import measures, role
 from porse.generation.states import probe_states

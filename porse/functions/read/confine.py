@@ -5,22 +5,19 @@ new privileges, and a system call filter that leaves memory, clocks, one pipe an
 """
 
 import ctypes
+import errno
 import os
 import platform
 import resource
+import signal
 import struct
 from typing import Literal
 
 from porse.functions.read.limits import Limits
 
-_CLONE_NEWNET = 0x40000000
-_CLONE_NEWUSER = 0x10000000
-_PR_SET_PDEATHSIG = 1
-_PR_SET_NO_NEW_PRIVS = 38
-_PR_SET_SECCOMP = 22
-_SECCOMP_MODE_FILTER = 2
-_EPERM = 1
-
+# Numbers of the kernel's, from its headers.
+_CLONE_NEWNET, _CLONE_NEWUSER = 0x40000000, 0x10000000
+_PR_SET_PDEATHSIG, _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS, _SECCOMP_MODE_FILTER = 1, 22, 38, 2
 _AUDIT = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 # read, write, close, fstat, lseek, mmap, mprotect, munmap, brk, rt_sigaction, rt_sigprocmask, rt_sigreturn,
 # sched_yield, mremap, madvise, getpid, exit, gettid, futex, clock_gettime, clock_nanosleep, exit_group, getrandom,
@@ -42,7 +39,7 @@ def seal() -> None:
     """Takes the network from this process and its children, and ends it with its parent, where the system lets it."""
     libc = _libc()
     if libc is not None:
-        libc.prctl(_PR_SET_PDEATHSIG, 9, 0, 0, 0)
+        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         if libc.unshare(_CLONE_NEWNET) != 0:
             libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
 
@@ -53,22 +50,19 @@ def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
     Returns:
         "filtered" when the system calls are filtered too, "limited" where the system has no such filter.
     """
-    used = _address_space()
-    pairs = {
-        resource.RLIMIT_AS: used + limits.memory_mib * 2**20,
-        resource.RLIMIT_CPU: limits.cpu_s,
-        resource.RLIMIT_FSIZE: 0,
-        resource.RLIMIT_CORE: 0,
-        resource.RLIMIT_NPROC: 0,
-    }
     os.closerange(0, keep)
     os.closerange(keep + 1, 65536)
-    for kind, value in pairs.items():
+    # One second of processor time past the limit is left, so that the process ends with a signal of its own.
+    for kind, soft, more in (
+        (resource.RLIMIT_AS, _address_space() + limits.memory_mib * 2**20, 0),
+        (resource.RLIMIT_CPU, limits.cpu_s, 1),
+        (resource.RLIMIT_FSIZE, 0, 0),
+        (resource.RLIMIT_CORE, 0, 0),
+        (resource.RLIMIT_NPROC, 0, 0),
+    ):
         hard = resource.getrlimit(kind)[1]
-        soft = value if hard == resource.RLIM_INFINITY else min(value, hard)
-        # One second of processor time past the limit is left, so that the process ends with a signal of its own.
-        more = soft + (kind == resource.RLIMIT_CPU)
-        resource.setrlimit(kind, (soft, more if hard == resource.RLIM_INFINITY else min(more, hard)))
+        most = soft + more if hard == resource.RLIM_INFINITY else min(soft + more, hard)
+        resource.setrlimit(kind, (min(soft, most), most))
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
     return "filtered" if _filter_calls() else "limited"
 
@@ -80,7 +74,7 @@ def _filter_calls() -> bool:
         return False
     calls = _CALLS[machine]
     load, jump_if_equal, jump_if_at_least, finish = 0x20, 0x15, 0x35, 0x06
-    allow, refuse, kill = 0x7FFF0000, 0x00050000 | _EPERM, 0x80000000
+    allow, refuse, kill = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x80000000
     program = [
         (load, 0, 0, 4),
         (jump_if_equal, 1, 0, _AUDIT[machine]),
@@ -100,10 +94,7 @@ def _filter_calls() -> bool:
 
 
 def _libc() -> ctypes.CDLL | None:
-    try:
-        libc = ctypes.CDLL(None, use_errno=True)
-    except OSError:
-        return None
+    libc = ctypes.CDLL(None)
     return libc if hasattr(libc, "prctl") and hasattr(libc, "unshare") else None
 
 

@@ -3,6 +3,7 @@
 Written once by the stage that validates, read by the probe. The same values give the same bytes.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,9 @@ from porse.variables import Variable
 
 
 def save_states(path: Path, values: Mapping[str, Tensor | int | float | torch.device]) -> None:
-    """Writes the values of all variables of a task, tensors of shape (num_envs, ...)."""
+    """Writes the values of all variables of a task, tensors of shape (num_envs, ...); the device is always the CPU."""
     tensors = {name: value.detach().cpu().contiguous() for name, value in values.items() if isinstance(value, Tensor)}
-    scalars: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, torch.device):
-            scalars[name] = "cpu"
-        elif not isinstance(value, Tensor):
-            scalars[name] = value
+    scalars = {name: value for name, value in values.items() if isinstance(value, int | float)}
     save_file(tensors, path, metadata={"scalars": canonical_json(scalars)})
 
 
@@ -35,22 +31,20 @@ def load_states(path: Path, variables: Sequence[Variable]) -> dict[str, Any]:
     Raises:
         TaskError: a declared variable is not in the file.
     """
-    import json
-
     with safe_open(path, framework="pt", device="cpu") as file:
-        scalars = json.loads((file.metadata() or {}).get("scalars", "{}"))
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (safe_open is no mapping)
-    values: dict[str, Any] = {}
+        found: dict[str, Any] = json.loads((file.metadata() or {}).get("scalars", "{}"))
+        found |= {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (safe_open is no mapping)
+    devices = {v.name: torch.device("cpu") for v in variables if v.kind == "device"}
     for variable in variables:
-        if variable.kind == "device":
-            values[variable.name] = torch.device("cpu")
-        elif variable.name in tensors:
-            values[variable.name] = tensors[variable.name]
-        elif variable.name in scalars:
-            values[variable.name] = {"int": int, "float": float}[variable.kind](scalars[variable.name])
-        else:
+        if variable.name not in found and variable.name not in devices:
             raise TaskError(
                 f"expected the variable {variable.name} in the states file {path.name}, found"
-                f" {', '.join(sorted([*tensors, *scalars]))}; write the file again with save_states"
+                f" {', '.join(sorted(found))}; write the file again with save_states"
             )
-    return values
+    return {v.name: devices[v.name] if v.name in devices else found[v.name] for v in variables}
+
+
+def of_environments(values: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """Returns the variables of so many environments: the same states again and again."""
+    index = torch.arange(count) % values["num_envs"]
+    return {n: v[index] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}

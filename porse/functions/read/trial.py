@@ -3,6 +3,7 @@
 It is tried in a process that has never run the function itself, so that no trick of Python reaches the one who judges.
 """
 
+import contextlib
 from collections.abc import Mapping
 from itertools import product
 from typing import Any, get_args
@@ -10,6 +11,7 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
+from porse.functions.read.states import of_environments
 from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
 from porse.functions.run.operators import base_of
@@ -59,59 +61,44 @@ def try_program(text: str, values: Mapping[str, Any], line: int) -> Verdict:
 
 def _check_runs(function: Loaded, values: Mapping[str, Any]) -> str:
     """Returns a warning, or "", after all runs."""
-    program = function.program
-    if not program.variables:
+    if not function.program.variables:
         raise CodeError("constant", "the function reads no state of the task, so its output never changes")
     outputs = _outputs(function, values)
-    for name, output in outputs.items():
-        _check_finite(name, output, program, values)
-    for name, output in outputs.items():
-        _check_size(name, output, program)
-    _outputs(function, {n: _tiled(n, v) for n, v in values.items()})
+    _check_values(function.program, values, outputs)
     _check_reacts(function, values, outputs)
+    _outputs(function, of_environments(values, _MANY))
     return _check_rows(function, values, outputs)
 
 
 def _outputs(function: Loaded, values: Mapping[str, Any]) -> dict[str, Tensor]:
-    """Returns every output by name, the total reward as ""."""
+    """Returns every output by what it is."""
     if isinstance(function, RewardFunction):
         total, components = function(values)
-        return {**components, "": total}
+        return {f"the component {name}": value for name, value in components.items()} | {"the total reward": total}
     progress, _, names = function(values)
-    return dict(zip(names, progress, strict=True))
+    return {f"the progress variable {name}": value for name, value in zip(names, progress, strict=True)}
 
 
-def _tiled(name: str, value: Any) -> Any:
-    """Returns the values of `_MANY` environments: the same states again and again."""
-    if isinstance(value, Tensor):
-        rounds = -(-_MANY // value.shape[0])
-        return value.repeat(rounds, *[1] * (value.dim() - 1))[:_MANY]
-    return _MANY if name == "num_envs" else value
-
-
-def _check_finite(name: str, output: Tensor, program: Program, values: Mapping[str, Any]) -> None:
-    bad = ~torch.isfinite(output)
-    if not bool(bad.any()):
-        return
-    index = int(bad.nonzero()[0, 0])
-    kind = "NaN" if bool(torch.isnan(output[index])) else "infinity"
-    share = 100.0 * float(bad.float().mean())
-    example = ", ".join(f"{n} = {_numbers(values[n][index])}" for n in program.variables)
-    message = (
-        f"{_what(name, program)} is {kind} on {share:.1f} % of real states, for example where {example[:600]};"
-        " guard the division, root, logarithm or arc that makes it"
-    )
-    raise CodeError("finite", message)
-
-
-def _check_size(name: str, output: Tensor, program: Program) -> None:
-    largest = float(output.abs().max())
-    if largest > _LARGEST:
-        raise CodeError(
-            "large",
-            f"expected values of at most {_LARGEST:g}, found {largest:.3g} in {_what(name, program)} on real states, which no"
-            " policy can learn from; divide by the scale of its terms",
-        )
+def _check_values(program: Program, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
+    """Refuses outputs that are not finite, or too large."""
+    for what, output in outputs.items():
+        bad = ~torch.isfinite(output)
+        if bool(bad.any()):
+            index = int(bad.nonzero()[0, 0])
+            kind = "NaN" if bool(torch.isnan(output[index])) else "infinity"
+            example = ", ".join(f"{n} = {_numbers(values[n][index])}" for n in program.variables)
+            raise CodeError(
+                "finite",
+                f"{what} is {kind} on {100.0 * float(bad.float().mean()):.1f} % of real states, for example where"
+                f" {example[:600]}; guard the division, root, logarithm or arc that makes it",
+            )
+    for what, output in outputs.items():
+        if (largest := float(output.abs().max())) > _LARGEST:
+            raise CodeError(
+                "large",
+                f"expected values of at most {_LARGEST:g}, found {largest:.3g} in {what} on real states, which no policy"
+                " can learn from; divide by the scale of its terms",
+            )
 
 
 def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
@@ -121,23 +108,17 @@ def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[
     be constant in all states tried here, and still tell others apart; what does neither is.
     """
     program = function.program
-    results = dict(
-        zip(["", *program.names] if program.kind == "reward" else program.names, program.results, strict=True)
-    )
-    suspects = [name for name in outputs if not name or program.kind == "mapping"]
+    suspects = ["the total reward"] if program.kind == "reward" else list(outputs)
+    results = dict(zip(suspects, program.results, strict=False))  # a reward's total is the first
     generator = torch.Generator().manual_seed(0)
     for scale in _SCALES:
         disturbed = {n: _disturb(v, scale, generator) for n, v in values.items()}
-        try:
+        with contextlib.suppress(CodeError):
             found = _outputs(function, disturbed)
-        except CodeError:
-            continue
-        suspects = [n for n in suspects if bool((found[n] == outputs[n]).all())]
-    for name in suspects:
-        if not _may_step(program, results[name]):
-            raise CodeError(
-                "constant", f"{_what(name, program)} is the same number in all states, whatever the variables are"
-            )
+            suspects = [what for what in suspects if bool((found[what] == outputs[what]).all())]
+    for what in suspects:
+        if not _may_step(program, results[what]):
+            raise CodeError("constant", f"{what} is the same number in all states, whatever the variables are")
 
 
 def _may_step(program: Program, result: int) -> bool:
@@ -158,27 +139,24 @@ def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[st
     Raises:
         CodeError: they do because shapes met by accident, and made something for every pair of them; check "shape".
     """
-    program = function.program
     count = values["num_envs"] // 2
-    some = {n: v[:count] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
-    found = _outputs(function, some)
-    mixed = [
-        n for n, v in outputs.items() if not torch.allclose(v[:count], found[n], rtol=1e-3, atol=1e-5, equal_nan=True)
-    ]
-    if not mixed:
+    found = _outputs(function, of_environments(values, count))
+    close = {w: torch.allclose(v[:count], found[w], rtol=1e-3, atol=1e-5, equal_nan=True) for w, v in outputs.items()}
+    mixed = next((what for what, is_close in close.items() if not is_close), None)
+    if mixed is None:
         return ""
+    program = function.program
     tensors = {name: values[name] for name in program.variables}
-    step = mixing(program, *(shapes_of(program, tensors, few) for few in FEW))
-    if step is not None:
+    if mixing(program, *(shapes_of(program, tensors, few) for few in FEW)) is not None:
         raise CodeError(
             "shape",
-            f"{_what(mixed[0], program)} of one environment depends on all others, because a step makes a number for every"
-            " pair of environments, (num_envs, num_envs); shapes such as (num_envs, 1) and (num_envs,) met: keep every"
-            " tensor (num_envs,), with a[:, 0] in place of a[:, 0:1] and without keepdim",
+            f"{mixed} of one environment depends on all others, because a step makes a number for every pair of"
+            " environments, (num_envs, num_envs); shapes such as (num_envs, 1) and (num_envs,) met: keep every tensor"
+            " (num_envs,), with a[:, 0] in place of a[:, 0:1] and without keepdim",
         )
     return (
-        f"{_what(mixed[0], program)} of one environment depends on the other environments (a mean, a maximum or a rank over"
-        " all of them): it means something else for another number of environments"
+        f"{mixed} of one environment depends on the other environments (a mean, a maximum or a rank over all of them):"
+        " it means something else for another number of environments"
     )
 
 
@@ -190,12 +168,6 @@ def _disturb(value: Any, scale: float, generator: torch.Generator) -> Any:
         spread = (value - value.mean(0, keepdim=True)).abs().amax().nan_to_num(1.0, 1.0, 1.0)
         return value + scale * noise * spread.clamp(min=1.0)
     return (value + (scale * 10 * noise.abs()).to(value.dtype)).to(value.dtype)
-
-
-def _what(name: str, program: Program) -> str:
-    if program.kind == "mapping":
-        return f"the progress variable {name}"
-    return f"the component {name}" if name else "the total reward"
 
 
 def _numbers(value: Tensor) -> str:
