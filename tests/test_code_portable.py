@@ -150,6 +150,7 @@ def test_replacements_stand_where_the_operator_stood():
         ("x = torch.sqrt(torch.sum(a * a.abs(), dim=-1).abs())", False),
         ("x = torch.sqrt(torch.sum((a - b).double() ** 2, dim=-1))", False),
         ("s = (a - b) ** 2\nx = torch.sqrt(torch.sum(s, dim=-1)) + s[:, 0]", False),
+        ("c = a[:, 0].abs()\ns = (b * b).sum(-1)\nx = torch.sqrt(c)\nx = x + 3.0 * s", False),
         ("d = a - b\ns = d * d\nd += 1.0\nx = torch.sqrt(torch.sum(s, dim=-1)) + d[:, 0]", False),
     ],
 )

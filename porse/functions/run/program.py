@@ -7,8 +7,9 @@ environments. There are no branches and no loops. `shapes` says whether a list i
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any, Literal, NoReturn
 
 import torch
@@ -116,6 +117,12 @@ class Program:
         return len(self.variables) + len(self.constants)
 
     @property
+    def starts(self) -> list[int]:
+        """The register that each step fills, or the first of those that it does."""
+        makes = [step.makes for step in self.steps]
+        return [*accumulate(makes[:-1], initial=self.first_made)] if makes else []
+
+    @property
     def text(self) -> str:
         """The canonical JSON text: equal lists have equal texts."""
         return canonical_json(
@@ -139,20 +146,23 @@ class Program:
         return content_id("program", self.text)
 
 
+def leaves(value: Any) -> Iterator[Any]:
+    """Yields what stands in an argument, or in the numbers of a constant, however deep in lists."""
+    if isinstance(value, tuple | list):
+        for part in value:
+            yield from leaves(part)
+    else:
+        yield value
+
+
 def registers(value: Any) -> Iterator[int]:
     """Yields the registers in an argument."""
-    if isinstance(value, Register):
-        yield value.index
-    elif isinstance(value, tuple):
-        for part in value:
-            yield from registers(part)
+    return (leaf.index for leaf in leaves(value) if isinstance(leaf, Register))
 
 
 def reads(step: Step) -> Iterator[int]:
     """Yields the registers that a step reads, with repetitions."""
-    yield from registers(step.arguments)
-    for _, value in step.keywords:
-        yield from registers(value)
+    return registers(step.arguments)
 
 
 def replaced(value: Any, registers: Mapping[int, int]) -> Any:
@@ -166,7 +176,14 @@ def at(value: Any, num_envs: int) -> Any:
     """Returns an argument for so many environments; registers stay, and lists are lists."""
     if isinstance(value, Rows | Share):
         return value.at(num_envs)
-    return [at(part, num_envs) for part in value] if isinstance(value, tuple) else value
+    return [at(part, num_envs) for part in value] if isinstance(value, tuple | list) else value
+
+
+def filled(value: Any, values: Sequence[Any]) -> Any:
+    """Returns an argument, its lists as lists, with what registers hold in place of them."""
+    if isinstance(value, tuple | list):
+        return [filled(part, values) for part in value]
+    return values[value.index] if isinstance(value, Register) else value
 
 
 def _written(value: Any) -> Any:
