@@ -17,7 +17,7 @@ from torch import Tensor
 from porse.functions.run.operators import Operator, Watch, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, at, filled, read_program, reads, registers
-from porse.functions.run.shapes import FEW, Shapes, check_results, check_sizes, shapes_of
+from porse.functions.run.shapes import FEW, Shapes, check_shapes, shapes_of
 from porse.functions.verdict import CodeError, Kind, words
 
 Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
@@ -32,21 +32,29 @@ _IN_PLACE = words("""
 
 
 class _Function:
-    """A list and what it is ready for.
+    """A list and what it is ready for; it is judged when it is first called.
+
+    Args:
+        text: the list, from a candidate.
+        portable: replace the operators whose bits depend on the CPU's vendor.
 
     Attributes:
         program: the list.
+        names: of the components, or of the progress variables.
+        rises: for each progress variable, whether the task needs it to rise.
+
+    Raises:
+        CodeError: the text is no list of this kind.
     """
 
     KIND: ClassVar[Kind]
 
     def __init__(self, text: str, portable: bool) -> None:
-        """Takes a list, which is judged when it is first called."""
-        self.program = read_program(text)
-        self._is_portable = portable
-        self._num_envs = -1
-        if self.program.kind != self.KIND:
-            found = f"that of a {self.program.kind}"
+        self.program = program = read_program(text)
+        self.names, self.rises = program.names, program.rises
+        self._is_portable, self._num_envs = portable, -1
+        if program.kind != self.KIND:
+            found = f"that of a {program.kind}"
             raise CodeError("static", f"expected the operator list of a {self.KIND}, found {found}")
 
     def _results(self, variables: Mapping[str, Any]) -> list[Tensor]:
@@ -79,23 +87,13 @@ class RewardFunction(_Function):
     def __call__(self, variables: Mapping[str, Any]) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns the total, (num_envs,), and each component, (num_envs,), by name, all float32; errors as `_results`."""
         total, *components = self._results(variables)
-        return total, dict(zip(self.program.names, components, strict=True))
+        return total, dict(zip(self.names, components, strict=True))
 
 
 class MappingFunction(_Function):
-    """A mapping.
-
-    Attributes:
-        names: the names of the progress variables.
-        rises: for each progress variable, whether the task needs it to rise.
-    """
+    """A mapping."""
 
     KIND = "mapping"
-
-    def __init__(self, text: str, portable: bool) -> None:
-        """Takes a list, which is judged when it is first called."""
-        super().__init__(text, portable)
-        self.names, self.rises = self.program.names, self.program.rises
 
     def __call__(self, variables: Mapping[str, Any]) -> tuple[list[Tensor], list[bool], list[str]]:
         """Returns the progress variables, (num_envs,) and float32, their directions and names; errors as `_results`."""
@@ -103,20 +101,12 @@ class MappingFunction(_Function):
 
 
 def load_reward(text: str, portable: bool) -> RewardFunction:
-    """Returns the goal reward of a list's text.
-
-    Args:
-        text: the list, from a candidate.
-        portable: replace the operators whose bits depend on the CPU's vendor.
-
-    Raises:
-        CodeError: the text is no such list.
-    """
+    """Returns the goal reward of a list's text; arguments and errors as for `_Function`."""
     return RewardFunction(text, portable)
 
 
 def load_mapping(text: str, portable: bool) -> MappingFunction:
-    """Returns the mapping of a list's text; arguments and errors as for `load_reward`."""
+    """Returns the mapping of a list's text; arguments and errors as for `_Function`."""
     return MappingFunction(text, portable)
 
 
@@ -136,9 +126,7 @@ def _prepared(
     """
     variables = dict(zip(program.variables, given, strict=True))
     few, more = (shapes_of(program, variables, count) for count in FEW)
-    check_results(program, few, FEW[0])
-    check_results(program, more, FEW[1])
-    check_sizes(few, more, num_envs)
+    check_shapes(program, few, more, num_envs)
     if is_portable and few.is_single:
         program = with_norms(program)
         few = shapes_of(program, variables, FEW[0])

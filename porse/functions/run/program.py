@@ -126,20 +126,7 @@ class Program:
     @property
     def text(self) -> str:
         """The canonical JSON text: equal lists have equal texts."""
-        return canonical_json(
-            {
-                "kind": self.kind,
-                "variables": self.variables,
-                "constants": [[_NAMES_OF_TYPES[c.dtype], _written(c.values)] for c in self.constants],
-                "steps": [
-                    [s.operator, [_written(a) for a in s.arguments], {k: _written(v) for k, v in s.keywords}, s.makes]
-                    for s in self.steps
-                ],
-                "results": self.results,
-                "names": self.names,
-                "rises": self.rises,
-            }
-        )
+        return canonical_json({name: _written(value) for name, value in vars(self).items()})
 
     @property
     def identity(self) -> str:
@@ -188,9 +175,13 @@ def filled(value: Any, values: Sequence[Any]) -> Any:
 
 
 def _written(value: Any) -> Any:
-    """Returns an argument as JSON."""
+    """Returns a part of a list as JSON."""
     if isinstance(value, tuple | list):
         return [_written(part) for part in value]
+    if isinstance(value, Step):
+        return [value.operator, _written(value.arguments), {k: _written(v) for k, v in value.keywords}, value.makes]
+    if isinstance(value, Constant):
+        return [_NAMES_OF_TYPES[value.dtype], _written(value.values)]
     if isinstance(value, Register):
         return {"r": value.index}
     if isinstance(value, Rows):
@@ -199,9 +190,7 @@ def _written(value: Any) -> Any:
         return {"share": value.of}
     if isinstance(value, torch.dtype):
         return {"t": _NAMES_OF_TYPES[value]}
-    if isinstance(value, float) and not math.isfinite(value):
-        return {"f": str(value)}
-    return value
+    return {"f": str(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def read_program(text: str) -> Program:

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.functions.run.operators import Operator, divides, operator
+from porse.functions.run.operators import Operator, operator
 from porse.functions.run.program import Program, at, filled, leaves, registers
 from porse.functions.verdict import CodeError, words
 
@@ -27,6 +27,8 @@ MAX_ALL = 2**29
 """Most numbers of all tensors together."""
 _PRODUCTS = words("addmm addmv baddbmm bmm cdist einsum inner kron linalg_multi_dot matmul mm outer tile")
 """Operators that make up to as many numbers as the product of what they are given."""
+_DIVISIONS = words("div divide floor_divide fmod remainder")
+"""Operators that end the process where a whole number is divided by 0, or the lowest by -1."""
 _TOO_MUCH = "the function needs more memory than it may use"
 MAX_SMALL = 2**24
 """Most numbers of one tensor, or of what two could make together, in a small run."""
@@ -59,8 +61,9 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
     """Returns what a list makes of the first rows of `given`, for so few environments.
 
     Raises:
-        CodeError: it fails, changes a variable or a constant, divides whole numbers by what may be 0 or -1, takes sizes
-            from data, or makes too much; checks "run", "inplace", "static" and "memory".
+        CodeError: it changes a variable or a constant, divides whole numbers by what may be 0 or -1, takes sizes from
+            data, or makes too much; checks "inplace", "static" and "memory".
+        Exception: it fails, with whatever torch raises.
     """
     tensors = [given[name] for name in program.variables]
     values = [v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in tensors]
@@ -93,11 +96,8 @@ def _made(op: Operator, arguments: list[Any], keywords: Mapping[str, Any]) -> li
     check_call(op, arguments)
     if _size(op, arguments) > MAX_SMALL:
         raise CodeError("memory", f"{_TOO_MUCH}, in {op.name.partition('.')[0]}")
-    try:
-        with torch.inference_mode():
-            made = op.call(*arguments, **keywords)
-    except Exception as error:  # whatever it is, the list is wrong
-        raise CodeError("run", f"torch says: {str(error).splitlines()[0][:600]}") from None
+    with torch.inference_mode():
+        made = op.call(*arguments, **keywords)
     parts = [made] if isinstance(made, Tensor) else list(made)
     if any(part.numel() > MAX_SMALL for part in parts):
         raise CodeError("memory", _TOO_MUCH)
@@ -120,37 +120,29 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
     return size
 
 
-def check_sizes(few: Shapes, more: Shapes, num_envs: int) -> None:
-    """Refuses a list that makes too much for so many environments, or for 2 048.
+def check_shapes(program: Program, few: Shapes, more: Shapes, num_envs: int) -> None:
+    """Refuses a list whose results are no vectors of floats, or that makes too much for so many environments, or 2 048.
 
     Args:
+        program: the list.
         few: its shapes for the first of `FEW`.
         more: its shapes for the second.
         num_envs: the number of environments that it will be called for.
 
     Raises:
-        CodeError: check "memory".
+        CodeError: checks "shape" and "memory".
     """
+    for shapes, rows in zip((few, more), FEW, strict=True):
+        for value in (shapes.values[index] for index in program.results):
+            if value.shape != (rows,) or value.dtype is not torch.float32:
+                found = f"{value.dtype} of {tuple(value.shape)}; validate the function again"
+                raise CodeError("shape", f"expected floats of shape ({rows},), found {found}")
     count = max(num_envs, MANY)
     rounds = (count - FEW[0]) / (FEW[1] - FEW[0])
-    sizes = [
-        math.prod(a + (b - a) * rounds for a, b in zip(one.shape, other.shape, strict=True))
-        for one, other in zip(few.values, more.values, strict=True)
-    ]
+    pairs = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
+    sizes = [math.prod(a + (b - a) * rounds for a, b in pair) for pair in pairs]
     if max(sizes, default=0) > MAX_ELEMENTS * count / MANY or sum(sizes) > MAX_ALL * count / MANY:
         raise CodeError("memory", _TOO_MUCH)
-
-
-def check_results(program: Program, shapes: Shapes, num_envs: int) -> None:
-    """Refuses a list whose results are no vectors of floats.
-
-    Raises:
-        CodeError: check "shape".
-    """
-    for value in (shapes.values[index] for index in program.results):
-        if value.shape != (num_envs,) or value.dtype is not torch.float32:
-            found = f"{value.dtype} of {tuple(value.shape)}; validate the function again"
-            raise CodeError("shape", f"expected floats of shape ({num_envs},), found {found}")
 
 
 def mixing(program: Program, few: Shapes, many: Shapes) -> int | None:
@@ -175,7 +167,8 @@ def check_call(op: Operator, arguments: Sequence[Any]) -> None:
         CodeError: check "static".
     """
     is_float = [isinstance(v, float) or (isinstance(v, Tensor) and v.is_floating_point()) for v in arguments]
-    if divides(op) and not any(is_float) and (isinstance(arguments[1], Tensor) or arguments[1] in (0, -1)):
+    may_trap = op.base in _DIVISIONS and (op.base not in ("div", "divide") or op.name.endswith("_mode"))
+    if may_trap and not any(is_float) and (isinstance(arguments[1], Tensor) or arguments[1] in (0, -1)):
         raise CodeError(
             "static",
             f"{op.base} divides whole numbers by what may be 0 or -1, which ends the process; make them floats first,"
