@@ -18,15 +18,16 @@ NAME_PATTERN: dict[Kind, str] = {
 """Names that are accepted when none of `FUNCTION_NAMES` is there."""
 
 SIGNATURES: dict[Kind, str] = {
-    "reward": (
-        "def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor)"
-        " -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:\n"
-        "    ...\n"
-        '    return total_reward, {"component_name": component, ...}'
-    ),
-    "mapping": (
-        'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
-    ),
+    "reward": """
+def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor) -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:
+    ...
+    return total_reward, {"component_name": component, ...}
+""".strip(),
+    "mapping": """
+def mapping_function(self):
+    ...
+    return [variable, ...], [True, ...], ["variable_name", ...]
+""".strip(),
 }
 
 HELPERS: dict[str, str] = {

@@ -17,7 +17,7 @@ from torch import Tensor
 from porse.functions.run.operators import Operator, Watch, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, at, filled, read_program, reads, registers
-from porse.functions.run.shapes import FEW, Shapes, check_shapes, shapes_of
+from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, check_shapes, shapes_of
 from porse.functions.verdict import CodeError, Kind, words
 
 Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
@@ -75,7 +75,11 @@ class _Function:
         except CodeError:
             raise
         except Exception as error:  # whatever torch raises, the function has failed
-            raise CodeError(*_failure(error)) from None
+            text = str(error)
+            if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
+                raise CodeError("memory", TOO_MUCH) from None
+            text = text.splitlines()[0][:600] if text else type(error).__name__
+            raise CodeError("run", f"torch says: {text}") from None
         return [slots[index] for index in self.program.results]
 
 
@@ -108,13 +112,6 @@ def load_reward(text: str, portable: bool) -> RewardFunction:
 def load_mapping(text: str, portable: bool) -> MappingFunction:
     """Returns the mapping of a list's text; arguments and errors as for `_Function`."""
     return MappingFunction(text, portable)
-
-
-def _failure(error: Exception) -> tuple[Any, str]:
-    text = str(error)
-    if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
-        return "memory", "the function needs more memory than it may use"
-    return "run", f"torch says: {text.splitlines()[0][:600] if text else type(error).__name__}"
 
 
 def _prepared(
@@ -152,7 +149,7 @@ def _prepared(
         arguments = at([*step.arguments], num_envs)
         keywords = {name: at(value, num_envs) for name, value in step.keywords}
         if op.makes:
-            keywords["device"] = few.device
+            keywords["device"] = given[0].device if given else None
         call = portable(op.name, step.arguments) if is_portable else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):

@@ -20,6 +20,7 @@ from porse.functions.run.operators import base_of, operator
 from porse.functions.run.program import Program, Register, Step, reads
 from porse.functions.verdict import words
 
+_SQUARE, _ROOT = ("pow.Tensor_Scalar", 2), ("pow.Tensor_Scalar", 0.5)
 _EXACT_POWERS = (-2, -1, -0.5, 0, 1, 2, 3)
 """Exponents for which torch multiplies, divides and takes roots."""
 _KERNEL_POINTS = 25
@@ -35,28 +36,20 @@ def with_norms(program: Program) -> Program:
     steps = list(program.steps)
     for place, made in enumerate(program.starts[2:]):
         square, added, root = program.steps[place : place + 3]
-        is_alone = uses[made - 2] == uses[made - 1] == 1 and (added.arguments[:1], root.arguments[:1]) == (
-            (Register(made - 2),),
-            (Register(made - 1),),
-        )
-        if is_alone and _is_square(square) and _is_root(root) and _is_sum(added):
+        squares, total = Register(made - 2), Register(made - 1)
+        is_chain = added.arguments[:1] == (squares,) and root.arguments[:1] == (total,)
+        if is_chain and uses[made - 2] == uses[made - 1] == 1 and _is_norm(square, added, root):
             steps[place + 1] = Step("to.dtype", (square.arguments[0], torch.float32), ())
-            steps[place + 2] = Step("linalg_vector_norm.default", (Register(made - 1), 2, *added.arguments[1:]), ())
+            steps[place + 2] = Step("linalg_vector_norm.default", (total, 2, *added.arguments[1:]), ())
     return dataclasses.replace(program, steps=tuple(steps))
 
 
-def _is_square(step: Step) -> bool:
-    if step.operator == "mul.Tensor":
-        return bool(step.arguments[0] == step.arguments[1])
-    return step.operator == "square.default" or (step.operator == "pow.Tensor_Scalar" and step.arguments[1] == 2)
-
-
-def _is_sum(step: Step) -> bool:
-    return step.operator == "sum.dim_IntList" and not step.keywords and step.arguments[1] is not None
-
-
-def _is_root(step: Step) -> bool:
-    return step.operator == "sqrt.default" or (step.operator == "pow.Tensor_Scalar" and step.arguments[1] == 0.5)
+def _is_norm(square: Step, added: Step, root: Step) -> bool:
+    """Whether steps square, add along dimensions and take a root."""
+    is_square = square.operator == "square.default" or (square.operator, *square.arguments[1:]) == _SQUARE
+    is_square = is_square or (square.operator == "mul.Tensor" and square.arguments[0] == square.arguments[1])
+    is_sum = added.operator == "sum.dim_IntList" and not added.keywords and added.arguments[1] is not None
+    return is_square and is_sum and (root.operator == "sqrt.default" or (root.operator, *root.arguments[1:]) == _ROOT)
 
 
 def portable(name: str, arguments: tuple[Any, ...]) -> Callable[..., Any] | None:

@@ -224,20 +224,21 @@ def _program(held: Any) -> Program:
     _expect(len(numbers) <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", len(numbers))
     _expect(len(held["steps"]) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(held["steps"]))
     kind, names, rises = held["kind"], tuple(held["names"]), tuple(held["rises"])
+    results = tuple(_whole(index, 0) for index in held["results"])
     variables, steps = tuple(map(_word, held["variables"])), tuple(_step(*step) for step in held["steps"])
     _expect(kind in ("reward", "mapping"), "a reward or a mapping", kind)
     _expect(len(set(variables)) == len(variables), "each variable once", variables)
-    program = Program(kind, variables, constants, steps, tuple(map(_place, held["results"])), names, rises)
+    program = Program(kind, variables, constants, steps, results, names, rises)
     made = program.first_made
     for step in steps:
         _expect(all(index < made for index in reads(step)), "steps that read what is there", step.operator)
         made += step.makes
-    _expect(all(index < made for index in program.results), "results that are there", program.results)
-    most, results = (MAX_COMPONENTS, len(names) + 1) if kind == "reward" else (MAX_NAMES, len(names))
-    is_paired = len(program.results) == results and len(rises) == (len(names) if kind == "mapping" else 0)
+    _expect(all(index < made for index in results), "results that are there", results)
+    most, counts = (MAX_COMPONENTS, (1, 0)) if kind == "reward" else (MAX_NAMES, (0, len(names)))
+    is_paired = (len(results) - len(names), len(rises)) == counts
     are_distinct = 0 < len(names) <= most and len(set(names)) == len(names)
     _expect(is_paired and are_distinct, f"1 to {most} results with distinct names", names)
-    _expect(all(isinstance(n, str) and plain_name(n) == n for n in names), "plain names", names)
+    _expect(all(plain_name(n) == n for n in names), "plain names", names)
     _expect(all(isinstance(r, bool) for r in rises), "directions that are true or false", rises)
     return program
 
@@ -267,17 +268,13 @@ def _whole(value: Any, least: int = -MAX_WHOLE, most: int = MAX_WHOLE) -> int:
     return value
 
 
-def _place(value: Any) -> int:
-    return _whole(value, 0)
-
-
 def _word(value: Any) -> str:
-    _expect(isinstance(value, str) and value.isascii() and len(value) <= 200, "short words", value)
+    _expect(value.isascii() and len(value) <= 200, "short words", value)
     return value
 
 
 _TAGGED: dict[str, Callable[[Any], Any]] = {
-    "r": lambda value: Register(_place(value)),
+    "r": lambda value: Register(_whole(value, 0)),
     "n": lambda value: Rows(*map(_whole, value)),
     "share": lambda value: Share(float(value)),
     "t": TYPES.__getitem__,

@@ -29,7 +29,7 @@ _PRODUCTS = words("addmm addmv baddbmm bmm cdist einsum inner kron linalg_multi_
 """Operators that make up to as many numbers as the product of what they are given."""
 _DIVISIONS = words("div divide floor_divide fmod remainder")
 """Operators that end the process where a whole number is divided by 0, or the lowest by -1."""
-_TOO_MUCH = "the function needs more memory than it may use"
+TOO_MUCH = "the function needs more memory than it may use"
 MAX_SMALL = 2**24
 """Most numbers of one tensor, or of what two could make together, in a small run."""
 
@@ -47,11 +47,6 @@ class Shapes:
     shared: list[frozenset[int]]
 
     @property
-    def device(self) -> torch.device:
-        """The device of the variables, and so of everything."""
-        return self.values[0].device if self.values else torch.device("cpu")
-
-    @property
     def is_single(self) -> bool:
         """Whether no register holds floats of another size than 32 bits."""
         return not any(v.is_floating_point() and v.dtype is not torch.float32 for v in self.values)
@@ -67,7 +62,7 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
     """
     tensors = [given[name] for name in program.variables]
     values = [v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in tensors]
-    device = values[0].device if values else torch.device("cpu")
+    device = values[0].device if values else None
     values += [torch.tensor(c.values, dtype=c.dtype, device=device) for c in program.constants]
     shared = [frozenset([index]) for index in range(len(values))]
     fixed = [*program.variables, *["a constant"] * len(program.constants)]
@@ -95,12 +90,12 @@ def _made(op: Operator, arguments: list[Any], keywords: Mapping[str, Any]) -> li
     """Returns what one step makes."""
     check_call(op, arguments)
     if _size(op, arguments) > MAX_SMALL:
-        raise CodeError("memory", f"{_TOO_MUCH}, in {op.name.partition('.')[0]}")
+        raise CodeError("memory", f"{TOO_MUCH}, in {op.name.partition('.')[0]}")
     with torch.inference_mode():
         made = op.call(*arguments, **keywords)
     parts = [made] if isinstance(made, Tensor) else list(made)
     if any(part.numel() > MAX_SMALL for part in parts):
-        raise CodeError("memory", _TOO_MUCH)
+        raise CodeError("memory", TOO_MUCH)
     return parts
 
 
@@ -123,11 +118,7 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
 def check_shapes(program: Program, few: Shapes, more: Shapes, num_envs: int) -> None:
     """Refuses a list whose results are no vectors of floats, or that makes too much for so many environments, or 2 048.
 
-    Args:
-        program: the list.
-        few: its shapes for the first of `FEW`.
-        more: its shapes for the second.
-        num_envs: the number of environments that it will be called for.
+    Its shapes for the two numbers of `FEW` tell those for any number.
 
     Raises:
         CodeError: checks "shape" and "memory".
@@ -142,17 +133,11 @@ def check_shapes(program: Program, few: Shapes, more: Shapes, num_envs: int) -> 
     pairs = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
     sizes = [math.prod(a + (b - a) * rounds for a, b in pair) for pair in pairs]
     if max(sizes, default=0) > MAX_ELEMENTS * count / MANY or sum(sizes) > MAX_ALL * count / MANY:
-        raise CodeError("memory", _TOO_MUCH)
+        raise CodeError("memory", TOO_MUCH)
 
 
 def mixing(program: Program, few: Shapes, many: Shapes) -> int | None:
-    """Returns the first step that makes something for every pair of environments, None for none.
-
-    Args:
-        program: the list.
-        few: its shapes for a number of environments.
-        many: the same for another number.
-    """
+    """Returns the first step that makes something for every pair of environments, by shapes for two numbers of them."""
     for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
         for a, b in list(zip(few.values, many.values, strict=True))[made : made + step.makes]:
             if sum(one != other for one, other in zip(a.shape, b.shape, strict=True)) > 1:
@@ -169,11 +154,10 @@ def check_call(op: Operator, arguments: Sequence[Any]) -> None:
     is_float = [isinstance(v, float) or (isinstance(v, Tensor) and v.is_floating_point()) for v in arguments]
     may_trap = op.base in _DIVISIONS and (op.base not in ("div", "divide") or op.name.endswith("_mode"))
     if may_trap and not any(is_float) and (isinstance(arguments[1], Tensor) or arguments[1] in (0, -1)):
-        raise CodeError(
-            "static",
-            f"{op.base} divides whole numbers by what may be 0 or -1, which ends the process; make them floats first,"
-            " x.float()",
+        reason = (
+            "divides whole numbers by what may be 0 or -1, which ends the process; make them floats first, x.float()"
         )
+        raise CodeError("static", f"{op.base} {reason}")
     if op.base in ("index", "index_put"):
         masks = [v for v in arguments[1] if isinstance(v, Tensor) and v.dtype in (torch.bool, torch.uint8)]
         if masks and not (op.base == "index_put" and arguments[2].numel() == 1):
