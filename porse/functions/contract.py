@@ -23,11 +23,9 @@ def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor) -> Tuple[to
     ...
     return total_reward, {"component_name": component, ...}
 """.strip(),
-    "mapping": """
-def mapping_function(self):
-    ...
-    return [variable, ...], [True, ...], ["variable_name", ...]
-""".strip(),
+    "mapping": (
+        'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
+    ),
 }
 
 HELPERS: dict[str, str] = {
@@ -67,16 +65,13 @@ TORCH_MODULES: dict[str, frozenset[str]] = {
         mse_loss normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
         threshold
         """),
-    "jit": frozenset(["annotate"]),
+    "jit": words("annotate"),
 }
 
-MATH_NAMES = words(
-    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor inf isfinite isinf isnan log log10 log1p "
-    "nan pi pow radians sin sinh sqrt tan tanh tau"
-)
+_OF_NUMPY = words("cos cosh degrees e exp inf log log10 log1p nan pi radians sin sinh sqrt tan tanh")
+MATH_NAMES = _OF_NUMPY | words("acos asin atan atan2 ceil fabs floor isfinite isinf isnan pow tau")
 
-_AS_IN_MATH = words("cos cosh degrees e exp inf log log10 log1p nan pi radians sin sinh sqrt tan tanh")
-NUMPY_NAMES: dict[str, str] = {name: f"math.{name}" for name in _AS_IN_MATH} | {
+NUMPY_NAMES: dict[str, str] = {name: f"math.{name}" for name in _OF_NUMPY} | {
     "abs": "abs", "absolute": "abs", "arccos": "math.acos", "arcsin": "math.asin", "arctan": "math.atan",
     "arctan2": "math.atan2", "deg2rad": "math.radians", "power": "math.pow", "rad2deg": "math.degrees",
 }  # fmt: skip
@@ -110,19 +105,14 @@ def contract_text(kind: Kind) -> str:
     ]
     if kind == "reward":
         specific = [
-            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and"
-            " with their exact types; any subset in any order, and nothing else.",
-            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the"
-            " name of each reward component to a tensor of shape (num_envs,).",
+            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and with their exact types; any subset in any order, and nothing else.",
+            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the name of each reward component to a tensor of shape (num_envs,).",
             "Parameters such as temperatures are named local variables of the function, not arguments.",
         ]
     else:
         specific = [
-            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as"
-            " arguments by their exact names.",
-            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape"
-            " (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for"
-            " each a distinct name.",
+            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as arguments by their exact names.",
+            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for each a distinct name.",
             "Helpers, also as self.<helper>: " + "; ".join(HELPERS.values()) + ".",
         ]
     lines = ["```python", SIGNATURES[kind], "```", *(f"- {line}" for line in specific + common)]

@@ -81,7 +81,6 @@ class CodeError(PorseError):
     """
 
     def __init__(self, check: Check, message: str, line: int = 0) -> None:
-        """Keeps what a verdict needs."""
         super().__init__(message)
         self.check: Check = check
         self.line = line

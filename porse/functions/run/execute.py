@@ -54,8 +54,7 @@ class _Function:
         self.names, self.rises = program.names, program.rises
         self._is_portable, self._num_envs = portable, -1
         if program.kind != self.KIND:
-            found = f"that of a {program.kind}"
-            raise CodeError("static", f"expected the operator list of a {self.KIND}, found {found}")
+            raise CodeError("static", f"expected the operator list of a {self.KIND}, found that of a {program.kind}")
 
     def _results(self, variables: Mapping[str, Any]) -> list[Tensor]:
         """Returns the list's results for the task's variables by name.
@@ -67,7 +66,7 @@ class _Function:
         num_envs = len(given[0]) if given else 0
         try:
             if num_envs != self._num_envs:
-                self._held, self._runs = _prepared(self.program, given, num_envs, self._is_portable)
+                self._held, self._runs = _prepared(self.program, variables, num_envs, self._is_portable)
                 self._num_envs = num_envs
             slots = given + self._held
             for call, take, to in self._runs:
@@ -115,16 +114,12 @@ def load_mapping(text: str, portable: bool) -> MappingFunction:
 
 
 def _prepared(
-    program: Program, given: Sequence[Tensor], num_envs: int, is_portable: bool
+    program: Program, variables: Mapping[str, Any], num_envs: int, portably: bool
 ) -> tuple[list[Any], list[Run]]:
-    """Returns what stands behind the variables in the slots, and the runs.
-
-    The slots are the registers of the list, and behind them the arguments that are written in its steps.
-    """
-    variables = dict(zip(program.variables, given, strict=True))
+    """Returns what stands in the slots behind the variables, first of registers, then of written arguments, and the runs."""
     few, more = (shapes_of(program, variables, count) for count in FEW)
     check_shapes(program, few, more, num_envs)
-    if is_portable and few.is_single:
+    if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
         program = with_norms(program)
         few = shapes_of(program, variables, FEW[0])
     last = {index: number for number, step in enumerate(program.steps) for index in reads(step)}
@@ -139,7 +134,7 @@ def _prepared(
         slots.append(value)
         slot = len(slots) - 1
         if [*registers(value)]:
-            runs.append((_listed, _taking([place(part) for part in value]), slot))
+            runs.append((lambda *parts: [*parts], _taking([place(part) for part in value]), slot))
         return slot
 
     for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
@@ -149,8 +144,8 @@ def _prepared(
         arguments = at([*step.arguments], num_envs)
         keywords = {name: at(value, num_envs) for name, value in step.keywords}
         if op.makes:
-            keywords["device"] = given[0].device if given else None
-        call = portable(op.name, step.arguments) if is_portable else None
+            keywords["device"] = few.values[0].device if few.values else None
+        call = portable(op.name, step.arguments) if portably else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):
                 op, arguments[1] = operator(f"{op.base}.Tensor"), torch.tensor(float(arguments[1]))
@@ -163,7 +158,7 @@ def _prepared(
             call = functools.partial(_parted, step.makes, call)
         taking = _taking([place(value) for value in arguments])
         runs.append((call, taking, made if op.returns == 1 else slice(made, made + step.makes)))
-    return slots[len(given) :], runs
+    return slots[len(program.variables) :], runs
 
 
 def _is_held(shapes: Shapes, first: Any, second: Any) -> bool:
@@ -186,33 +181,15 @@ def _quickest(op: Operator, arguments: Sequence[Any], keywords: Mapping[str, Any
     base = op.name.partition(".")[0]
     places = (torch, base), (torch.Tensor, base), (torch.linalg, base.removeprefix("linalg_"))
     public = next((getattr(place, name) for place, name in places if hasattr(place, name)), op.call)
-    with contextlib.suppress(Exception), torch.inference_mode(), _Seen() as seen:
+    with contextlib.suppress(Exception), torch.inference_mode(), Watch() as seen:
         public(*arguments, **keywords)
     return public if seen.names == [op.name] else op.call
 
 
-class _Seen(Watch):
-    """Notes which operators a call leads to."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.names: list[str] = []
-
-    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        self.names.append(func.__name__)
-        return func(*args, **(kwargs or {}))
-
-
 def _taking(places: Sequence[int]) -> Callable[[list[Any]], Any]:
     """Returns what takes arguments from the slots, always as a sequence, which itemgetter alone does for several."""
-    if len(places) > 1:
-        return itemgetter(*places)
-    first = places[0] if places else 0
-    return itemgetter(slice(first, first + len(places)))
-
-
-def _listed(*parts: Any) -> list[Any]:
-    return [*parts]
+    few = slice(places[0], places[0] + 1) if places else slice(0)
+    return itemgetter(*places) if len(places) > 1 else itemgetter(few)
 
 
 def _parted(count: int, call: Callable[..., Any], *arguments: Any, **keywords: Any) -> Sequence[Tensor]:

@@ -40,7 +40,20 @@ _SHARING = words("atleast_1d atleast_2d broadcast_tensors einsum type_as contigu
 
 
 class Watch(TorchDispatchMode):
-    """What is told of every operator that is called while it is entered; torch's compiler, slow to import, stays out."""
+    """Notes the operators that are called while it is entered; torch's compiler, slow to import, stays out.
+
+    Attributes:
+        names: of the operators, in order.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        """Notes an operator and calls it."""
+        self.names.append(func.__name__)
+        return func(*args, **(kwargs or {}))
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
@@ -98,7 +111,7 @@ def operator(name: str) -> Operator:
         name,
         base_of(name),
         found,
-        writes=any(map(_is_written, arguments)),
+        writes=any(a.is_write for a in arguments),
         shares=frozenset(i for i, a in enumerate(arguments) if base in _SHARING or a.alias_info is not None),
         makes="device" in [a.name for a in arguments] and not any("Tensor" in str(a.type) for a in arguments),
         returns=0 if str(returns[0].type) == "List[Tensor]" else len(returns),
@@ -112,11 +125,7 @@ def _is_plain(schema: Any) -> bool:
         return False
     for place, argument in enumerate(schema.arguments):
         kinds = set(re.findall(r"\w+", str(argument.type))) - {"Optional", "List"}
-        is_written_later = _is_written(argument) and (place > 0 or argument.kwarg_only)
-        if argument.is_out or is_written_later or not kinds <= _ARGUMENTS:
+        is_first = place == 0 and not argument.kwarg_only
+        if argument.is_out or not kinds <= _ARGUMENTS or (argument.is_write and not is_first):
             return False
     return True
-
-
-def _is_written(argument: Any) -> bool:
-    return argument.alias_info is not None and argument.alias_info.is_write

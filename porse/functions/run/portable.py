@@ -62,9 +62,7 @@ def portable(name: str, arguments: tuple[Any, ...]) -> Callable[..., Any] | None
         form = sleef.function(_BY_SLEEF[base])
     elif base in _DENSE_BY_SLEEF:
         form = _on_dense(name.replace("_.", ".", 1) if writes else name)
-    if form is None or not writes:
-        return form
-    return lambda x, *more, **named: x.copy_(form(x, *more, **named))
+    return form if form is None or not writes else lambda x, *more, **named: x.copy_(form(x, *more, **named))
 
 
 def _sqrt(x: Tensor) -> Tensor:
@@ -73,9 +71,8 @@ def _sqrt(x: Tensor) -> Tensor:
 
 
 def _power(exponent: Any) -> Callable[..., Any] | None:
-    if exponent == 0.5:
-        return lambda x, half: _sqrt(x)
-    return None if exponent in _EXACT_POWERS else lambda x, number: torch.pow(x.contiguous(), number)
+    form = (lambda x, half: _sqrt(x)) if exponent == 0.5 else lambda x, number: torch.pow(x.contiguous(), number)
+    return None if exponent in _EXACT_POWERS else form
 
 
 def _on_dense(name: str) -> Callable[..., Any]:
@@ -103,9 +100,9 @@ def _cdist(a: Tensor, b: Tensor, p: float = 2.0, mode: int | None = None) -> Ten
 
 
 _BY_SLEEF: dict[str, sleef.Function] = {
-    **{"acos": "acos", "arccos": "acos", "asin": "asin", "arcsin": "asin", "atan": "atan", "arctan": "atan"},
-    **{"tan": "tan", "log10": "log10"},
-}
+    "acos": "acos", "arccos": "acos", "asin": "asin", "arcsin": "asin", "atan": "atan", "arctan": "atan",
+    "tan": "tan", "log10": "log10",
+}  # fmt: skip
 _DENSE_BY_SLEEF = words("""
     arctan2 arctanh atan2 atanh cosh exp2 hypot logaddexp logit mish sigmoid silu sinh softplus special_exp2
     special_expit special_logit

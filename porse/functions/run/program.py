@@ -120,8 +120,8 @@ class Program:
     @property
     def starts(self) -> list[int]:
         """The register that each step fills, or the first of those that it does."""
-        makes = [step.makes for step in self.steps]
-        return [*accumulate(makes[:-1], initial=self.first_made)] if makes else []
+        ends = accumulate((step.makes for step in self.steps), initial=self.first_made)
+        return [*ends][: len(self.steps)]
 
     @property
     def text(self) -> str:

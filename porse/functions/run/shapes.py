@@ -46,11 +46,6 @@ class Shapes:
     values: list[Tensor]
     shared: list[frozenset[int]]
 
-    @property
-    def is_single(self) -> bool:
-        """Whether no register holds floats of another size than 32 bits."""
-        return not any(v.is_floating_point() and v.dtype is not torch.float32 for v in self.values)
-
 
 def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> Shapes:
     """Returns what a list makes of the first rows of `given`, for so few environments.
@@ -110,8 +105,7 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
     else:
         size = math.prod(map(max, zip_longest(*(t.shape[::-1] for t in tensors), fillvalue=1)))
     if has_lists or not tensors:
-        wholes = [abs(v) for v in leaves(arguments) if type(v) is int and v < 2**62]
-        size = max(size, 1) * math.prod(max(n, 1) for n in wholes)
+        size = max(size, 1) * math.prod(max(abs(v), 1) for v in leaves(arguments) if type(v) is int and v < 2**62)
     return size
 
 

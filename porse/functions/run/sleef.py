@@ -24,8 +24,7 @@ _VECTORS: dict[Precision, tuple[int, str, str]] = {"f32": (8, "float", "f8"), "f
 _CPU = "x86-64-v3"
 """AVX2 and FMA, whatever the CPU has besides: the code is the same everywhere."""
 _LOOP = """
-declare i64 @llvm.umin.i64(i64, i64)
-declare <{lanes} x i1> @llvm.get.active.lane.mask.v{lanes}i1.i32(i32, i32)
+declare <{lanes} x i1> @llvm.get.active.lane.mask.v{lanes}i1.i64(i64, i64)
 declare <{lanes} x {element}> @llvm.masked.load.v{lanes}{precision}.p0(ptr, i32, <{lanes} x i1>, <{lanes} x {element}>)
 declare void @llvm.masked.store.v{lanes}{precision}.p0(<{lanes} x {element}>, ptr, i32, <{lanes} x i1>)
 declare <{lanes} x {element}> @{sleef}(<{lanes} x {element}>)
@@ -35,14 +34,11 @@ entry:
   br label %next
 next:
   %done = phi i64 [0, %entry], [%more, %vector]
-  %left = sub i64 %count, %done
-  %any = icmp sgt i64 %left, 0
+  %any = icmp slt i64 %done, %count
   br i1 %any, label %vector, label %end
 vector:
   %at = getelementptr {element}, ptr %numbers, i64 %done
-  %few = call i64 @llvm.umin.i64(i64 %left, i64 {lanes})
-  %these = trunc i64 %few to i32
-  %mask = call <{lanes} x i1> @llvm.get.active.lane.mask.v{lanes}i1.i32(i32 0, i32 %these)
+  %mask = call <{lanes} x i1> @llvm.get.active.lane.mask.v{lanes}i1.i64(i64 %done, i64 %count)
   %x = call <{lanes} x {element}> @llvm.masked.load.v{lanes}{precision}.p0(ptr %at, i32 1, <{lanes} x i1> %mask, <{lanes} x {element}> zeroinitializer)
   %y = call <{lanes} x {element}> @{sleef}(<{lanes} x {element}> %x)
   call void @llvm.masked.store.v{lanes}{precision}.p0(<{lanes} x {element}> %y, ptr %at, i32 1, <{lanes} x i1> %mask)
@@ -52,9 +48,6 @@ end:
   ret void
 }}
 """
-
-_engines: list[llvm.ExecutionEngine] = []
-"""What holds the compiled loops in memory."""
 
 
 def is_needed() -> bool:
@@ -95,5 +88,6 @@ def operator(function: Function, precision: Precision) -> Callable[[int, int], N
     module.verify()
     engine = llvm.create_mcjit_compiler(module, target)
     engine.finalize_object()
-    _engines.append(engine)
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)(engine.get_function_address("loop"))
+    loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)(engine.get_function_address("loop"))
+    vars(loop)["engine"] = engine  # holds the loop in memory
+    return loop
