@@ -3,7 +3,7 @@
 Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
 """
 
-from porse.functions.verdict import MAX_NAMES, Kind, words
+from porse.functions.verdict import MAX_NAMES, TENSOR_FUNCTIONS, Kind, words
 
 FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
     "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),
@@ -18,12 +18,11 @@ NAME_PATTERN: dict[Kind, str] = {
 """Names that are accepted when none of `FUNCTION_NAMES` is there."""
 
 SIGNATURES: dict[Kind, str] = {
-    "reward": (
-        "def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor)"
-        " -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:\n"
-        "    ...\n"
-        '    return total_reward, {"component_name": component, ...}'
-    ),
+    "reward": """
+def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor) -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:
+    ...
+    return total_reward, {"component_name": component, ...}
+""".strip(),
     "mapping": (
         'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
     ),
@@ -43,8 +42,6 @@ MAX_INTEGER = 10_000_000
 """Largest integer literal."""
 MAX_LOOP = 1_000
 """Largest count of a `range`, or of a repeated list, that is written as a number."""
-MAX_ELEMENTS = 10_000_000
-"""Most numbers of a tensor whose size is written in the code."""
 
 BUILTINS = words(
     "abs all any bool dict enumerate filter float int isinstance len list map max min pow print range reversed round set sorted "
@@ -55,20 +52,9 @@ TORCH_CONSTANTS = words(
     "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor"
 )
 
-TORCH_FUNCTIONS = words("""
-    abs absolute acos acosh add addcdiv addcmul all amax amin any arange arccos arccosh arcsin arcsinh arctan arctan2
-    arctanh argmax argmin argsort as_tensor asin asinh atan atan2 atanh atleast_1d baddbmm bitwise_and bitwise_not
-    bitwise_or bmm broadcast_tensors broadcast_to cat cdist ceil chunk clamp clamp_max clamp_min clip clone column_stack
-    concat concatenate conj copysign cos cosh cosine_similarity count_nonzero cross cummax cummin cumprod cumsum deg2rad
-    diagonal diff dist div divide dot einsum eq erf exp exp2 expm1 eye fix flatten flip floor floor_divide fmax fmin
-    fmod frac full full_like gather ge greater greater_equal gt heaviside hstack hypot index_select inner isclose
-    isfinite isinf isnan isneginf isposinf le lerp less less_equal linspace log log10 log1p log2 log_softmax logaddexp
-    logical_and logical_not logical_or logical_xor logit logsumexp lt masked_fill matmul max maximum mean median min
-    minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne neg negative norm not_equal numel
-    ones ones_like outer permute positive pow prod rad2deg ravel reciprocal relu remainder reshape roll round rsqrt
-    select sgn sigmoid sign signbit sin sinc sinh softmax sort split sqrt square squeeze stack std std_mean sub subtract
-    sum swapaxes swapdims t take_along_dim tan tanh tensor tile topk trace transpose tril triu true_divide trunc unbind
-    unflatten unsqueeze var var_mean vstack where xlogy zeros zeros_like
+TORCH_FUNCTIONS = TENSOR_FUNCTIONS | words("""
+    arange as_tensor atleast_1d broadcast_tensors cat cdist column_stack concat concatenate cosine_similarity einsum
+    eye full full_like hstack linspace numel ones ones_like stack std_mean tensor var_mean vstack zeros zeros_like
     """)
 
 TORCH_MODULES: dict[str, frozenset[str]] = {
@@ -79,38 +65,24 @@ TORCH_MODULES: dict[str, frozenset[str]] = {
         mse_loss normalize pairwise_distance relu relu6 selu sigmoid silu smooth_l1_loss softmax softmin softplus softsign tanh
         threshold
         """),
-    "jit": frozenset(["annotate"]),
+    "jit": words("annotate"),
 }
 
-MATH_NAMES = words(
-    "acos asin atan atan2 ceil cos cosh degrees e exp fabs floor inf isfinite isinf isnan log log10 log1p "
-    "nan pi pow radians sin sinh sqrt tan tanh tau"
-)
+_OF_NUMPY = words("cos cosh degrees e exp inf log log10 log1p nan pi radians sin sinh sqrt tan tanh")
+MATH_NAMES = _OF_NUMPY | words("acos asin atan atan2 ceil fabs floor isfinite isinf isnan pow tau")
 
-NUMPY_NAMES: dict[str, str] = {
-    **{name: f"math.{name}" for name in ("cos", "cosh", "degrees", "e", "exp", "inf", "log", "log10", "log1p", "nan")},
-    **{name: f"math.{name}" for name in ("pi", "radians", "sin", "sinh", "sqrt", "tan", "tanh")},
+NUMPY_NAMES: dict[str, str] = {name: f"math.{name}" for name in _OF_NUMPY} | {
     "abs": "abs", "absolute": "abs", "arccos": "math.acos", "arcsin": "math.asin", "arctan": "math.atan",
     "arctan2": "math.atan2", "deg2rad": "math.radians", "power": "math.pow", "rad2deg": "math.degrees",
 }  # fmt: skip
 """What of numpy may be used, with what it is written as: functions of numbers, of which most take tensors as well."""
 
-METHODS = words("""
-    abs absolute acos acosh add addcdiv addcmul all amax amin any arccos arccosh arcsin arcsinh arctan arctan2 arctanh
-    argmax argmin argsort asin asinh atan atan2 atanh baddbmm bitwise_and bitwise_not bitwise_or bmm bool broadcast_to
-    ceil chunk clamp clamp_max clamp_min clip clone conj contiguous copysign cos cosh count_nonzero cross cummax cummin
-    cumprod cumsum deg2rad detach diagonal diff dim dist div divide dot double eq erf exp exp2 expand expand_as expm1
-    fix flatten flip float floor floor_divide fmax fmin fmod frac gather ge greater greater_equal gt half heaviside
-    hypot index_select inner int isclose isfinite isinf isnan isneginf isposinf item le lerp less less_equal log log10
-    log1p log2 log_softmax logaddexp logical_and logical_not logical_or logical_xor logit logsumexp long lt masked_fill
-    matmul max maximum mean median min minimum mm moveaxis movedim mul multiply mv nan_to_num nanmean nansum narrow ne
-    neg negative norm not_equal numel outer permute positive pow prod rad2deg ravel reciprocal relu remainder repeat
-    reshape reshape_as roll round rsqrt select sgn sigmoid sign signbit sin sinc sinh size softmax sort split sqrt
-    square squeeze std sub subtract sum swapaxes swapdims t take_along_dim tan tanh tile to topk trace transpose tril
-    triu true_divide trunc type type_as unbind unflatten unsqueeze var view view_as where xlogy
-    new_full new_ones new_tensor new_zeros
-    add_ clamp_ clamp_max_ clamp_min_ copy_ div_ fill_ masked_fill_ mul_ neg_ pow_ sub_ zero_
-    append count extend copy index insert items join pop reverse setdefault strip keys values get update format lower upper replace startswith endswith
+METHODS = TENSOR_FUNCTIONS | words("""
+    add_ bool clamp_ clamp_max_ clamp_min_ contiguous copy_ detach dim div_ double expand expand_as fill_ float half
+    int item long masked_fill_ mul_ neg_ new_full new_ones new_tensor new_zeros numel pow_ repeat reshape_as size
+    sub_ to type type_as view view_as zero_
+    append copy count endswith extend format get index insert items join keys lower pop replace reverse setdefault
+    startswith strip update upper values
     """)
 """Methods of tensors, lists, dictionaries and strings."""
 
@@ -133,19 +105,14 @@ def contract_text(kind: Kind) -> str:
     ]
     if kind == "reward":
         specific = [
-            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and"
-            " with their exact types; any subset in any order, and nothing else.",
-            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the"
-            " name of each reward component to a tensor of shape (num_envs,).",
+            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and with their exact types; any subset in any order, and nothing else.",
+            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the name of each reward component to a tensor of shape (num_envs,).",
             "Parameters such as temperatures are named local variables of the function, not arguments.",
         ]
     else:
         specific = [
-            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as"
-            " arguments by their exact names.",
-            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape"
-            " (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for"
-            " each a distinct name.",
+            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as arguments by their exact names.",
+            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for each a distinct name.",
             "Helpers, also as self.<helper>: " + "; ".join(HELPERS.values()) + ".",
         ]
     lines = ["```python", SIGNATURES[kind], "```", *(f"- {line}" for line in specific + common)]

@@ -5,36 +5,26 @@ nothing but tensors, numbers, texts and their lists, and write nowhere but over 
 """
 
 import functools
+import re
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from porse.functions.verdict import CodeError, words
+from porse.functions.verdict import TENSOR_FUNCTIONS, CodeError, words
 
-_NAMES = words("""
-    __and__ __iand__ __ior__ __ixor__ __or__ __xor__ abs absolute acos acosh add addcdiv addcmul addmm addmv alias
-    all amax amin aminmax any arange arccos arccosh arcsin arcsinh arctan arctan2 arctanh argmax argmin argsort asin
-    asinh atan atan2 atanh atleast_1d atleast_2d baddbmm bitwise_and bitwise_not bitwise_or bitwise_xor bmm
-    broadcast_tensors broadcast_to cat cdist ceil celu chunk clamp clamp_max clamp_min clip clone column_stack
-    concat concatenate conj constant_pad_nd contiguous copy copysign cos cosh cosine_similarity count_nonzero cross
-    cummax cummin cumprod cumsum deg2rad diag_embed diagonal diff dist div divide dot einsum elu eq erf erfc exp
-    exp2 expand expand_as expm1 eye fill fix flatten flip floor floor_divide fmax fmin fmod frac frobenius_norm full
-    full_like gather ge gelu greater greater_equal gt hardshrink hardsigmoid hardswish hardtanh heaviside hstack
-    huber_loss hypot index index_put index_select inner isclose isfinite isinf isnan isneginf isposinf kron l1_loss
-    le leaky_relu lerp less less_equal linalg_cross linalg_matrix_norm linalg_multi_dot linalg_norm linalg_vecdot
-    linalg_vector_norm linspace log log10 log1p log2 log_sigmoid log_softmax logaddexp logical_and logical_not
-    logical_or logical_xor logit logsumexp lt mH mT masked_fill matmul matrix_H max maximum mean median min minimum
-    mish mm moveaxis movedim mse_loss mul multiply mv nan_to_num nanmean nansum narrow ne neg negative new_full
-    new_ones new_zeros norm not_equal nuclear_norm numpy_T ones ones_like outer pairwise_distance permute positive
-    pow prod rad2deg ravel reciprocal relu relu6 remainder repeat reshape reshape_as resolve_conj roll round rsqrt
-    rsub scalar_tensor scatter scatter_add select selu sgn sigmoid sign signbit silu sin sinc sinh slice
-    smooth_l1_loss softmax softplus softshrink sort special_erf special_exp2 special_expit special_expm1
-    special_log1p special_logit special_logsumexp special_sinc special_softmax special_xlogy split split_with_sizes
-    sqrt square squeeze stack std std_mean sub subtract sum swapaxes swapdims t take_along_dim tan tanh tensor_split
-    threshold tile to topk trace transpose tril triu true_divide trunc type_as unbind unflatten unsqueeze var
-    var_mean vdot view view_as vstack where xlogy zero zeros zeros_like
+_NAMES = TENSOR_FUNCTIONS | words("""
+        __and__ __iand__ __ior__ __ixor__ __or__ __xor__ addmm addmv alias aminmax arange atleast_1d atleast_2d
+    bitwise_xor broadcast_tensors cat cdist celu column_stack concat concatenate constant_pad_nd contiguous copy
+    cosine_similarity diag_embed einsum elu erfc expand expand_as eye fill frobenius_norm full full_like gelu
+    hardshrink hardsigmoid hardswish hardtanh hstack huber_loss index index_put kron l1_loss leaky_relu linalg_cross
+    linalg_matrix_norm linalg_multi_dot linalg_norm linalg_vecdot linalg_vector_norm linspace log_sigmoid mH mT
+    matrix_H mish mse_loss new_full new_ones new_zeros nuclear_norm numpy_T ones ones_like pairwise_distance relu6
+    repeat reshape_as resolve_conj rsub scalar_tensor scatter scatter_add selu silu slice smooth_l1_loss softplus
+    softshrink special_erf special_exp2 special_expit special_expm1 special_log1p special_logit special_logsumexp
+    special_sinc special_softmax special_xlogy split_with_sizes stack std_mean tensor_split threshold to type_as
+    var_mean vdot view view_as vstack zero zeros zeros_like
     """)
 """Names of operators; an operator that writes over its first argument has the same name with an underscore after it."""
 
@@ -45,13 +35,25 @@ _BY_DATA = words("""
 """Operators whose results' shapes, or Python's own course, follow from the numbers in a tensor."""
 
 _ARGUMENTS = words("Tensor number int float bool str ScalarType Layout Device MemoryFormat SymInt")
-_DIVISIONS = words("div divide floor_divide fmod remainder")
 _SHARING = words("atleast_1d atleast_2d broadcast_tensors einsum type_as contiguous reshape reshape_as to flatten")
 """Operators whose results may share memory with an argument where their schemas do not say so, or not always."""
 
 
 class Watch(TorchDispatchMode):
-    """What is told of every operator that is called while it is entered; torch's compiler, slow to import, stays out."""
+    """Notes the operators that are called while it is entered; torch's compiler, slow to import, stays out.
+
+    Attributes:
+        names: of the operators, in order.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        """Notes an operator and calls it."""
+        self.names.append(func.__name__)
+        return func(*args, **(kwargs or {}))
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
@@ -64,6 +66,7 @@ class Operator:
 
     Attributes:
         name: `mul.Tensor`.
+        base: the name without overload, and without the underscore of one that writes.
         call: what computes it.
         writes: it writes over its first argument.
         shares: places of the arguments that its results may share memory with.
@@ -72,16 +75,12 @@ class Operator:
     """
 
     name: str
+    base: str
     call: Any
     writes: bool
     shares: frozenset[int]
     makes: bool
     returns: int
-
-    @property
-    def base(self) -> str:
-        """The name without overload, and without the underscore of one that writes."""
-        return base_of(self.name)
 
 
 def base_of(name: str) -> str:
@@ -105,43 +104,28 @@ def operator(name: str) -> Operator:
     base, _, overload = name.partition(".")
     packet = getattr(torch.ops.aten, base, None) if base_of(name) in _NAMES and not decides_by_data(name) else None
     found = getattr(packet, overload, None) if packet is not None and overload in packet.overloads() else None
-    schema = found._schema if found is not None else None
-    if found is None or schema is None or not _is_plain(schema):
+    if found is None or not _is_plain(found._schema):
         raise CodeError("static", f"the operator aten::{base} is not on the list of allowed operators")
-    written = [a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write]
-    first = schema.arguments[:1]
-    if written and ([a.name for a in written] != [a.name for a in first] or schema.arguments[0].kwarg_only):
-        raise CodeError("static", f"the operator aten::{base} is not on the list of allowed operators")
-    kinds = [str(r.type) for r in schema.returns]
+    arguments, returns = found._schema.arguments, found._schema.returns
     return Operator(
         name,
+        base_of(name),
         found,
-        bool(written),
-        _shared(base, schema),
-        any(a.name == "device" for a in schema.arguments)
-        and not any("Tensor" in str(a.type) for a in schema.arguments),
-        0 if kinds == ["List[Tensor]"] else len(kinds),
+        writes=any(a.is_write for a in arguments),
+        shares=frozenset(i for i, a in enumerate(arguments) if base in _SHARING or a.alias_info is not None),
+        makes="device" in [a.name for a in arguments] and not any("Tensor" in str(a.type) for a in arguments),
+        returns=0 if str(returns[0].type) == "List[Tensor]" else len(returns),
     )
 
 
-def _shared(base: str, schema: Any) -> frozenset[int]:
-    """Returns the places of the arguments that results may share memory with."""
-    places = range(len(schema.arguments))
-    return frozenset(i for i in places if base in _SHARING or schema.arguments[i].alias_info is not None)
-
-
 def _is_plain(schema: Any) -> bool:
-    """Whether an operator takes plain arguments and returns tensors alone."""
-    returns = {str(r.type) for r in schema.returns}
-    if not schema.returns or not (returns == {"Tensor"} or (returns == {"List[Tensor]"} and len(schema.returns) == 1)):
+    """Whether an operator takes plain arguments, writes over the first at most, and returns tensors alone."""
+    returns = [str(r.type) for r in schema.returns]
+    if returns != ["List[Tensor]"] and set(returns) != {"Tensor"}:
         return False
-    for argument in schema.arguments:
-        words = set(str(argument.type).replace("[", " ").replace("]", " ").replace(",", " ").split())
-        if argument.is_out or not words - {"Optional", "List"} <= _ARGUMENTS:
+    for place, argument in enumerate(schema.arguments):
+        kinds = set(re.findall(r"\w+", str(argument.type))) - {"Optional", "List"}
+        is_first = place == 0 and not argument.kwarg_only
+        if argument.is_out or not kinds <= _ARGUMENTS or (argument.is_write and not is_first):
             return False
     return True
-
-
-def divides(op: Operator) -> bool:
-    """Whether an operator divides, and so ends the process where a whole number is divided by 0, or the lowest by -1."""
-    return op.base in _DIVISIONS and (op.base not in ("div", "divide") or op.name.endswith("_mode"))

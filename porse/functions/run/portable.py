@@ -7,7 +7,6 @@ a column, say. They are replaced by what is the same everywhere, or given dense 
 """
 
 import dataclasses
-import functools
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -18,9 +17,10 @@ from torch import Tensor
 
 from porse.functions.run import sleef
 from porse.functions.run.operators import base_of, operator
-from porse.functions.run.program import Program, Register, Step, reads, replaced
+from porse.functions.run.program import Program, Register, Step, reads
 from porse.functions.verdict import words
 
+_SQUARE, _ROOT = ("pow.Tensor_Scalar", 2), ("pow.Tensor_Scalar", 0.5)
 _EXACT_POWERS = (-2, -1, -0.5, 0, 1, 2, 3)
 """Exponents for which torch multiplies, divides and takes roots."""
 _KERNEL_POINTS = 25
@@ -28,76 +28,41 @@ _KERNEL_POINTS = 25
 
 
 def with_norms(program: Program) -> Program:
-    """Returns a list with the root of a sum of squares as the norm that it is, in two operators for four.
+    """Returns a list with the root of a sum of squares as the norm that it is; the squares then are read by nobody.
 
-    Nothing else may read the squares, and nothing may stand between, where it could write to what is squared.
+    Nothing else may read the squares or their sum, and nothing may stand between, where it could write to what is squared.
     """
     uses = Counter(index for step in program.steps for index in reads(step)) + Counter(program.results)
-    steps: list[Step] = []
-    moved: dict[int, int] = {}
-    old = new = program.first_made
-    for step in program.steps:
-        squared = _squared(program, steps[-2:], moved, uses, old) if _is_root(step) else None
-        if squared is not None:
-            steps[-2:] = [
-                Step("to.dtype", (squared, torch.float32), ()),
-                Step("linalg_vector_norm.default", (Register(new - 2), 2, *steps[-1].arguments[1:]), ()),
-            ]
-            moved[old] = new - 1
-        else:
-            given = tuple(replaced(value, moved) for value in step.arguments)
-            steps.append(dataclasses.replace(step, arguments=given, keywords=_moved(step.keywords, moved)))
-            for index in range(step.makes):
-                moved[old + index] = new + index
-            new += step.makes
-        old += step.makes
-    return dataclasses.replace(program, steps=tuple(steps), results=tuple(moved.get(r, r) for r in program.results))
+    steps = list(program.steps)
+    for place, made in enumerate(program.starts[2:]):
+        square, added, root = program.steps[place : place + 3]
+        squares, total = Register(made - 2), Register(made - 1)
+        is_chain = added.arguments[:1] == (squares,) and root.arguments[:1] == (total,)
+        if is_chain and uses[made - 2] == uses[made - 1] == 1 and _is_norm(square, added, root):
+            steps[place + 1] = Step("to.dtype", (square.arguments[0], torch.float32), ())
+            steps[place + 2] = Step("linalg_vector_norm.default", (total, 2, *added.arguments[1:]), ())
+    return dataclasses.replace(program, steps=tuple(steps))
 
 
-def _is_root(step: Step) -> bool:
-    is_power = step.operator == "pow.Tensor_Scalar" and step.arguments[1] == 0.5
-    return step.operator == "sqrt.default" or is_power
+def _is_norm(square: Step, added: Step, root: Step) -> bool:
+    """Whether steps square, add along dimensions and take a root."""
+    is_square = square.operator == "square.default" or (square.operator, *square.arguments[1:]) == _SQUARE
+    is_square = is_square or (square.operator == "mul.Tensor" and square.arguments[0] == square.arguments[1])
+    is_sum = added.operator == "sum.dim_IntList" and not added.keywords and added.arguments[1] is not None
+    return is_square and is_sum and (root.operator == "sqrt.default" or (root.operator, *root.arguments[1:]) == _ROOT)
 
 
-def _moved(keywords: tuple[tuple[str, Any], ...], moved: dict[int, int]) -> tuple[tuple[str, Any], ...]:
-    return tuple((name, replaced(value, moved)) for name, value in keywords)
-
-
-def _squared(program: Program, before: list[Step], moved: dict[int, int], uses: Counter[int], old: int) -> Any:
-    """Returns what the two steps before a root at `old` square and then add along dimensions, None where they do not."""
-    if len(before) < 2 or uses[old - 1] != 1 or uses[old - 2] != 1:
-        return None
-    square, added = before
-    is_next = added.arguments[:1] == (Register(moved.get(old - 2, -1)),) and square.makes == added.makes == 1
-    if added.operator != "sum.dim_IntList" or added.keywords or not is_next or added.arguments[1] is None:
-        return None
-    values = square.arguments
-    if square.operator == "pow.Tensor_Scalar":
-        return values[0] if values[1] == 2 else None
-    if square.operator == "mul.Tensor":
-        return values[0] if values[0] == values[1] else None
-    return values[0] if square.operator == "square.default" else None
-
-
-def portable(name: str, arguments: tuple[Any, ...], single: bool) -> Callable[..., Any] | None:
-    """Returns what computes an operator the same way on every CPU, None where the operator itself does.
-
-    Args:
-        name: the operator, with its overload.
-        arguments: what it is given.
-        single: every tensor of floats in the list is float32.
-    """
-    base = base_of(name)
+def portable(name: str, arguments: tuple[Any, ...]) -> Callable[..., Any] | None:
+    """Returns what computes an operator, by its name with overload, the same way on every CPU; None where it does itself."""
+    base, writes = base_of(name), name.startswith(f"{base_of(name)}_.")
     form = _FORMS.get(base)
     if base == "pow":
-        form = _power(arguments) if name in ("pow.Tensor_Scalar", "pow_.Scalar") else None
-    elif base in _BY_SLEEF:
-        form = _by_sleef(_BY_SLEEF[base], single) if sleef.is_needed() else None
+        form = _power(arguments[1]) if name in ("pow.Tensor_Scalar", "pow_.Scalar") else None
+    elif base in _BY_SLEEF and sleef.is_needed():
+        form = sleef.function(_BY_SLEEF[base])
     elif base in _DENSE_BY_SLEEF:
-        form = _on_dense(name.replace("_.", ".", 1) if name.startswith(f"{base}_.") else name)
-    if form is None or not name.startswith(f"{base}_."):
-        return form
-    return lambda x, *more, **named: x.copy_(form(x, *more, **named))
+        form = _on_dense(name.replace("_.", ".", 1) if writes else name)
+    return form if form is None or not writes else lambda x, *more, **named: x.copy_(form(x, *more, **named))
 
 
 def _sqrt(x: Tensor) -> Tensor:
@@ -105,26 +70,9 @@ def _sqrt(x: Tensor) -> Tensor:
     return torch.reciprocal_(torch.rsqrt(x))
 
 
-def _power(arguments: tuple[Any, ...]) -> Callable[..., Any] | None:
-    exponent = arguments[1]
-    if exponent == 0.5:
-        return lambda x, half: _sqrt(x)
-    return None if exponent in _EXACT_POWERS else lambda x, number: torch.pow(x.contiguous(), number)
-
-
-def _by_sleef(function: sleef.Function, single: bool) -> Callable[..., Any]:
-    """Sleef writes over a copy, which is dense, and in which integers are floats as they would be."""
-    calls = {
-        p: getattr(torch.ops.porse, sleef.operator(function, p).partition("::")[2]).default for p in ("f32", "f64")
-    }
-    if single:
-        return lambda x: calls["f32"](torch.mul(x, 1.0))
-
-    def in_double(x: Tensor) -> Tensor:
-        copy = torch.mul(x, 1.0)
-        return calls["f64"](copy.to(torch.float64)).type_as(copy)
-
-    return in_double
+def _power(exponent: Any) -> Callable[..., Any] | None:
+    form = (lambda x, half: _sqrt(x)) if exponent == 0.5 else lambda x, number: torch.pow(x.contiguous(), number)
+    return None if exponent in _EXACT_POWERS else form
 
 
 def _on_dense(name: str) -> Callable[..., Any]:
@@ -152,11 +100,11 @@ def _cdist(a: Tensor, b: Tensor, p: float = 2.0, mode: int | None = None) -> Ten
 
 
 _BY_SLEEF: dict[str, sleef.Function] = {
-    **{"acos": "acos", "arccos": "acos", "asin": "asin", "arcsin": "asin", "atan": "atan", "arctan": "atan"},
-    **{"tan": "tan", "log10": "log10"},
-}
+    "acos": "acos", "arccos": "acos", "asin": "asin", "arcsin": "asin", "atan": "atan", "arctan": "atan",
+    "tan": "tan", "log10": "log10",
+}  # fmt: skip
 _DENSE_BY_SLEEF = words("""
     arctan2 arctanh atan2 atanh cosh exp2 hypot logaddexp logit mish sigmoid silu sinh softplus special_exp2
     special_expit special_logit
     """)
-_FORMS: dict[str, Callable[..., Any]] = {"sqrt": _sqrt, "gelu": _gelu, "cdist": functools.partial(_cdist)}
+_FORMS: dict[str, Callable[..., Any]] = {"sqrt": _sqrt, "gelu": _gelu, "cdist": _cdist}

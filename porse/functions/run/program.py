@@ -7,9 +7,10 @@ environments. There are no branches and no loops. `shapes` says whether a list i
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NoReturn
+from itertools import accumulate
+from typing import Any
 
 import torch
 
@@ -23,10 +24,11 @@ MAX_CONSTANTS = 20_000
 """Numbers in all constants together."""
 MAX_WHOLE = 10_000_000
 """Largest whole number that is written in a list."""
+_NO_END = 2**63 - 1
+"""What torch writes for the end of a slice that has none."""
 MAX_DEPTH = 6
 TYPES = {name: getattr(torch, name) for name in ("float32", "float64", "float16", "int64", "int32", "uint8", "bool")}
 _NAMES_OF_TYPES = {dtype: name for name, dtype in TYPES.items()}
-_SPECIAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
 _KEYWORDS = words("""
     alpha approximate correction descending dtype keepdim largest memory_format output_dtype reduction rounding_mode
     sorted stable unbiased value beta step ord dim indexing
@@ -116,22 +118,15 @@ class Program:
         return len(self.variables) + len(self.constants)
 
     @property
+    def starts(self) -> list[int]:
+        """The register that each step fills, or the first of those that it does."""
+        ends = accumulate((step.makes for step in self.steps), initial=self.first_made)
+        return [*ends][: len(self.steps)]
+
+    @property
     def text(self) -> str:
         """The canonical JSON text: equal lists have equal texts."""
-        return canonical_json(
-            {
-                "kind": self.kind,
-                "variables": self.variables,
-                "constants": [[_NAMES_OF_TYPES[c.dtype], _written(c.values)] for c in self.constants],
-                "steps": [
-                    [s.operator, [_written(a) for a in s.arguments], {k: _written(v) for k, v in s.keywords}, s.makes]
-                    for s in self.steps
-                ],
-                "results": self.results,
-                "names": self.names,
-                "rises": self.rises,
-            }
-        )
+        return canonical_json({name: _written(value) for name, value in vars(self).items()})
 
     @property
     def identity(self) -> str:
@@ -139,20 +134,23 @@ class Program:
         return content_id("program", self.text)
 
 
+def leaves(value: Any) -> Iterator[Any]:
+    """Yields what stands in an argument, or in the numbers of a constant, however deep in lists."""
+    if isinstance(value, tuple | list):
+        for part in value:
+            yield from leaves(part)
+    else:
+        yield value
+
+
 def registers(value: Any) -> Iterator[int]:
     """Yields the registers in an argument."""
-    if isinstance(value, Register):
-        yield value.index
-    elif isinstance(value, tuple):
-        for part in value:
-            yield from registers(part)
+    return (leaf.index for leaf in leaves(value) if isinstance(leaf, Register))
 
 
 def reads(step: Step) -> Iterator[int]:
     """Yields the registers that a step reads, with repetitions."""
-    yield from registers(step.arguments)
-    for _, value in step.keywords:
-        yield from registers(value)
+    return registers(step.arguments)
 
 
 def replaced(value: Any, registers: Mapping[int, int]) -> Any:
@@ -166,13 +164,24 @@ def at(value: Any, num_envs: int) -> Any:
     """Returns an argument for so many environments; registers stay, and lists are lists."""
     if isinstance(value, Rows | Share):
         return value.at(num_envs)
-    return [at(part, num_envs) for part in value] if isinstance(value, tuple) else value
+    return [at(part, num_envs) for part in value] if isinstance(value, tuple | list) else value
+
+
+def filled(value: Any, values: Sequence[Any]) -> Any:
+    """Returns an argument, its lists as lists, with what registers hold in place of them."""
+    if isinstance(value, tuple | list):
+        return [filled(part, values) for part in value]
+    return values[value.index] if isinstance(value, Register) else value
 
 
 def _written(value: Any) -> Any:
-    """Returns an argument as JSON."""
+    """Returns a part of a list as JSON."""
     if isinstance(value, tuple | list):
         return [_written(part) for part in value]
+    if isinstance(value, Step):
+        return [value.operator, _written(value.arguments), {k: _written(v) for k, v in value.keywords}, value.makes]
+    if isinstance(value, Constant):
+        return [_NAMES_OF_TYPES[value.dtype], _written(value.values)]
     if isinstance(value, Register):
         return {"r": value.index}
     if isinstance(value, Rows):
@@ -181,119 +190,94 @@ def _written(value: Any) -> Any:
         return {"share": value.of}
     if isinstance(value, torch.dtype):
         return {"t": _NAMES_OF_TYPES[value]}
-    if isinstance(value, float) and not math.isfinite(value):
-        return {"f": str(value)}
-    return value
+    return {"f": str(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def read_program(text: str) -> Program:
-    """Returns the list that a text holds. `shapes.check` says whether it may run.
+    """Returns the list that a text holds. `shapes` says whether it may run.
 
     Raises:
         CodeError: the text is no canonical list, or too large; check "static".
     """
-    if len(text) > MAX_TEXT:
-        _refuse(f"at most {MAX_TEXT} characters", f"{len(text)}")
+    _expect(len(text) <= MAX_TEXT, f"at most {MAX_TEXT} characters", len(text))
     try:
-        held = json.loads(text)
-        program = _program(held)
+        program = _program(json.loads(text))
+        is_canonical = program.text == text
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
-        _refuse("JSON of its own form", f"{type(error).__name__}: {error}")
-    if program.text != text:
-        _refuse("its canonical text", "another spelling of it")
+        _expect(False, "JSON of its own form", f"{type(error).__name__}: {error}")
+    _expect(is_canonical, "its canonical text", "another spelling of it")
     return program
 
 
-def _refuse(expected: str, found: str) -> NoReturn:
-    message = f"expected an operator list as {expected}, found {found[:300]}; validate the function again"
-    raise CodeError("static", message)
+def _expect(is_so: bool, expected: str, found: Any) -> None:
+    """Refuses a text that is not as expected."""
+    if not is_so:
+        message = f"expected an operator list as {expected}, found {str(found)[:300]}; validate the function again"
+        raise CodeError("static", message)
 
 
 def _program(held: Any) -> Program:
-    constants = tuple(Constant(TYPES[dtype], _numbers(values, 0)) for dtype, values in held["constants"])
-    if sum(_count(constant.values) for constant in constants) > MAX_CONSTANTS:
-        _refuse(f"at most {MAX_CONSTANTS} numbers in its constants", "more")
-    if len(held["steps"]) > MAX_STEPS:
-        _refuse(f"at most {MAX_STEPS} steps", str(len(held["steps"])))
-    steps = tuple(_step(*step) for step in held["steps"])
-    names, rises = tuple(held["names"]), tuple(held["rises"])
-    kind: Literal["reward", "mapping"] = "reward" if held["kind"] == "reward" else "mapping"
-    if held["kind"] not in ("reward", "mapping"):
-        _refuse("a reward or a mapping", repr(held["kind"]))
-    program = Program(
-        kind, tuple(map(_word, held["variables"])), constants, steps, tuple(map(_index, held["results"])), names, rises
-    )
+    """Returns the list that JSON holds, all of whose registers are there when they are read."""
+    constants = tuple(Constant(TYPES[dtype], _argument(values, 2**63)) for dtype, values in held["constants"])
+    numbers = [number for constant in constants for number in leaves(constant.values)]
+    _expect(all(isinstance(n, int | float) for n in numbers), "numbers in its constants", "something else")
+    _expect(len(numbers) <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", len(numbers))
+    _expect(len(held["steps"]) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(held["steps"]))
+    kind, names, rises = held["kind"], tuple(held["names"]), tuple(held["rises"])
+    results = tuple(_whole(index, 0) for index in held["results"])
+    variables, steps = tuple(map(_word, held["variables"])), tuple(_step(*step) for step in held["steps"])
+    _expect(kind in ("reward", "mapping"), "a reward or a mapping", kind)
+    _expect(len(set(variables)) == len(variables), "each variable once", variables)
+    program = Program(kind, variables, constants, steps, results, names, rises)
     made = program.first_made
     for step in steps:
-        if any(not index < made for index in reads(step)):
-            _refuse("steps that read what is there", f"{step.operator}, which reads what is not there yet")
+        _expect(all(index < made for index in reads(step)), "steps that read what is there", step.operator)
         made += step.makes
-    most = MAX_COMPONENTS if kind == "reward" else MAX_NAMES
-    is_paired = len(program.results) == len(names) + (kind == "reward")
-    is_paired = is_paired and len(rises) == (len(names) if kind == "mapping" else 0)
-    if not is_paired or not 0 < len(names) <= most or len(set(names)) != len(names):
-        _refuse(f"1 to {most} results with distinct names", ", ".join(map(str, names)))
-    if any(not isinstance(n, str) or plain_name(n) != n for n in names) or not all(isinstance(r, bool) for r in rises):
-        _refuse("plain names and directions", f"{names} and {rises}")
-    if any(index >= made for index in program.results) or len(set(program.variables)) != len(program.variables):
-        _refuse("results that are there, and each variable once", f"{program.results} of {made}, {program.variables}")
+    _expect(all(index < made for index in results), "results that are there", results)
+    most, counts = (MAX_COMPONENTS, (1, 0)) if kind == "reward" else (MAX_NAMES, (0, len(names)))
+    is_paired = (len(results) - len(names), len(rises)) == counts
+    are_distinct = 0 < len(names) <= most and len(set(names)) == len(names)
+    _expect(is_paired and are_distinct, f"1 to {most} results with distinct names", names)
+    _expect(all(plain_name(n) == n for n in names), "plain names", names)
+    _expect(all(isinstance(r, bool) for r in rises), "directions that are true or false", rises)
     return program
 
 
 def _step(operator: Any, arguments: Any, keywords: Any, makes: Any) -> Step:
-    if not set(keywords) <= _KEYWORDS or not 0 < _index(makes) <= 1000:
-        _refuse("known keywords", f"{sorted(keywords)} in {operator}")
-    given = tuple((name, _argument(value, 0)) for name, value in sorted(keywords.items()))
-    return Step(_word(operator), tuple(_argument(value, 0) for value in arguments), given, makes)
+    _expect(keywords.keys() <= _KEYWORDS, "known keywords", f"{sorted(keywords)} in {operator}")
+    given = tuple((name, _argument(value)) for name, value in sorted(keywords.items()))
+    _expect(not [*registers([value for _, value in given])], "keywords without registers", operator)
+    return Step(_word(operator), tuple(map(_argument, arguments)), given, _whole(makes, 1, 1000))
 
 
-def _argument(held: Any, depth: int) -> Any:
-    """Returns the argument that JSON holds."""
-    if depth > MAX_DEPTH:
-        _refuse("arguments of little depth", "deeper ones")
+def _argument(held: Any, most: int = MAX_WHOLE, depth: int = 0) -> Any:
+    """Returns the argument, or the numbers of a constant, that JSON holds."""
+    _expect(depth <= MAX_DEPTH, "arguments of little depth", "deeper ones")
     if isinstance(held, list):
-        return tuple(_argument(part, depth + 1) for part in held)
+        return tuple(_argument(part, most, depth + 1) for part in held)
     if isinstance(held, dict):
         ((key, value),) = held.items()
-        if key == "r":
-            return Register(_index(value))
-        if key == "n":
-            return Rows(*map(_whole, value))
-        if key == "share":
-            return Share(float(value))
-        return TYPES[value] if key == "t" else _SPECIAL[{"f": value}[key]]
+        return _TAGGED[key](value)
     if isinstance(held, str):
         return _word(held)
-    return held if held is None or isinstance(held, bool | float) else _whole(held)
+    return held if held is None or isinstance(held, bool | float) or held == _NO_END else _whole(held, -most, most)
 
 
-def _numbers(held: Any, depth: int) -> Any:
-    """Returns the numbers of a constant, in nested tuples."""
-    if isinstance(held, list) and depth < MAX_DEPTH:
-        return tuple(_numbers(part, depth + 1) for part in held)
-    if isinstance(held, dict):
-        return _SPECIAL[held["f"]]
-    return held if isinstance(held, float | bool) else _whole(held, 2**63)
-
-
-def _count(values: Any) -> int:
-    return sum(map(_count, values)) if isinstance(values, tuple) else 1
-
-
-def _whole(value: Any, most: int = MAX_WHOLE) -> int:
-    """A number without bounds is one of slices, which torch writes as the largest there is."""
-    if not isinstance(value, int) or isinstance(value, bool) or (abs(value) > most and value != 2**63 - 1):
-        _refuse(f"whole numbers up to {most}", repr(value)[:50])
-    return value
-
-
-def _index(value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < MAX_TEXT:
-        _refuse("places of registers", repr(value)[:50])
+def _whole(value: Any, least: int = -MAX_WHOLE, most: int = MAX_WHOLE) -> int:
+    _expect(type(value) is int and least <= value <= most, f"whole numbers from {least} to {most}", value)
     return value
 
 
 def _word(value: Any) -> str:
-    if not isinstance(value, str) or not value.isascii() or len(value) > 200:
-        _refuse("short words", repr(value)[:50])
+    _expect(value.isascii() and len(value) <= 200, "short words", value)
     return value
+
+
+_TAGGED: dict[str, Callable[[Any], Any]] = {
+    "r": lambda value: Register(_whole(value, 0)),
+    "n": lambda value: Rows(*map(_whole, value)),
+    "share": lambda value: Share(float(value)),
+    "t": TYPES.__getitem__,
+    "f": {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}.__getitem__,
+}
+"""What JSON has no words for, by the key of an object that holds it."""
