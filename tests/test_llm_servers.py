@@ -63,7 +63,7 @@ def _record(monkeypatch):
 
 
 def profile(server: Server, model: str = MODEL) -> LlmParams:
-    return params(server.url, model, KEY_VARIABLE)
+    return params(server.url, model=model, key_variable=KEY_VARIABLE)
 
 
 def questions(text: str, count: int, max_tokens: int, model: str = MODEL) -> list[Question]:
