@@ -208,7 +208,7 @@ def aimed_kills() -> list[Callable[[Path], Kill]]:
     """Returns thirty kills where they hurt."""
     writes = [("dvc.lock", number, share) for number in (1, 2, 4, 7) for share in (0, 37, 99)]
     writes += [("rwlock", number, share) for number in (1, 2, 5, 6) for share in (0, 50)]
-    starts = [("forkserver", delay) for delay in (0.0, 0.05, 0.2, 0.5, 1.0)]
+    starts = [("porse.warm.server", delay) for delay in (0.0, 0.05, 0.2, 0.5, 1.0)]
     starts += [("stages.train_population", delay) for delay in (0.0, 0.02, 0.1)] + [
         ("stages.resolve", 0.0),
         ("stages.generate", 0.01),
