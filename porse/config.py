@@ -101,6 +101,7 @@ class GenerateParams(Section):
     iterations: Literal["every", "first"]
     parents: Literal["winner", "islands"]
     mappings: Literal["generator", "spliced"]
+    functions: str
     beyond_goal: bool
 
 
@@ -253,7 +254,7 @@ class Params(Section):
     task: str
     method: str
     ablation: str
-    generator: Literal["model", "grammar"]
+    generator: Literal["model", "grammar", "files"]
     seed: Annotated[int, Range(0, 2**31 - 1)]
     numerics: Literal["portable", "fast"]
     llm: LlmParams
@@ -347,6 +348,9 @@ def _check_together(params: Params, where: str) -> None:
         raise ParamsError(
             wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where)
         )
+    if params.generator == "files" and not _NAME.fullmatch(params.generate.functions):
+        expected = "a folder below functions/, named with letters, digits and dashes, where generator is files"
+        raise ParamsError(wrong("generate.functions", expected, params.generate.functions, where))
     if params.generate.elites >= params.generate.candidates:
         expected = f"less than generate.candidates = {params.generate.candidates}"
         raise ParamsError(wrong("generate.elites", expected, params.generate.elites, where))

@@ -111,7 +111,7 @@ def test_another_task_has_its_own_files_and_those_that_it_shares(project):
 
 def test_every_task_of_the_list_is_there(project):
     for task in TASK_CLASSES:
-        stage_files(project, STAGES["begin"], task)
+        stage_files(project, STAGES["begin"], task, ())
 
 
 def test_a_task_of_ones_own_brings_all_that_is_in_its_folder(project):

@@ -189,6 +189,6 @@ def test_nothing_reads_a_pickle_or_runs_text_but_the_one_place_that_is_for_it(ro
 def test_training_reads_no_text_of_a_model(root):
     """What a candidate is trained with is its operator list: how replies are read changes no training."""
     for name in ("train-population", "evaluate"):
-        needed = stage_files(root, STAGES[name], "Quadcopter")
+        needed = stage_files(root, STAGES[name], "Quadcopter", ())
         assert not [path for path in needed if path.startswith("porse/functions/read")]
         assert "porse/functions/run/execute.py" in needed

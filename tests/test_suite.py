@@ -50,9 +50,23 @@ def test_entries_are_tasks_by_methods_by_ablations_by_seeds_and_then_those_liste
     ]  # fmt: skip
 
 
+def test_a_variant_is_an_entry_of_its_own_with_its_overrides():
+    half, none = {"exploration": {"lambda": 0.5}}, {"candidate": {"bonus": "none"}}
+    suite = parse_suite({**PLAIN, "seeds": [3, 4], "variants": {"lambda-0.5": half, "none": none}}, "a.yaml")
+    assert [(entry.name, entry.overrides) for entry in suite.entries] == [
+        ("Quadcopter-porse-lambda-0.5-3", half),
+        ("Quadcopter-porse-lambda-0.5-4", half),
+        ("Quadcopter-porse-none-3", none),
+        ("Quadcopter-porse-none-4", none),
+    ]
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
+        ({"variants": {"a/b": {}}}, "expected a variant to be letters, digits, .* found 'a/b' in a.yaml"),
+        ({"variants": {"a": 1}}, "expected variants.a to be parameters and their values, found 1 in a.yaml"),
+        ({"variants": {"a": {"task": "Over"}}}, "expected variants.a to leave task alone in a.yaml, found 'Over'"),
         ({"taks": ["Over"]}, "found taks; did you mean tasks?"),
         ({"seeds": []}, "expected seeds to be a list with at least one entry"),
         ({"seeds": [True]}, re.escape("expected seeds[0] to be a value of type int, found True")),
@@ -251,6 +265,24 @@ def test_the_status_of_hand_made_results_is_this_table(cups):
     assert status_text(entries) == TABLE
 
 
+def test_variants_are_summed_up_apart():
+    row = {
+        "entry": "a",
+        "task": "Kettle",
+        "method": "porse",
+        "ablation": "none",
+        "seed": 1,
+        "state": "done",
+        "reason": None,
+    }
+    row |= {"hns": None, "evaluation_mean": None, "evaluation_std": None, "epochs_spent": 1, "epochs_allowed": 1}
+    entries = [row | {"variant": name, "mts": mts, "valid_share": None} for name, mts in (("", 0.25), ("half", 0.75))]
+    assert status_text(entries).splitlines()[-2:] == [
+        "Kettle  porse   none      -        1      0.250",
+        "Kettle  porse   none      half     1      0.750",
+    ]
+
+
 def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
     monkeypatch.chdir(cups)
     done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--json"], catch_exceptions=False)
@@ -261,7 +293,7 @@ def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
     assert by_name["Kettle-human-1"]["hns"] is None
     assert by_name["SwingCup-sparse-2"]["reason"] == "expected water, found none"
     assert printed["summary"][2] == {
-        "task": "SwingCup", "method": "porse", "ablation": "none", "seeds": 2,
+        "task": "SwingCup", "method": "porse", "ablation": "none", "variant": "", "seeds": 2,
         "mts_mean": pytest.approx(0.99), "mts_std": pytest.approx(0.0070711, abs=1e-7),
     }  # fmt: skip
 

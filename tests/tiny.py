@@ -16,7 +16,7 @@ from porse.pipeline import write_pipeline
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 COPIED = (
-    "porse", "stages", "prompts", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore",
+    "porse", "stages", "prompts", "functions", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore",
     "iterations/dvc.yaml.jinja",
 )  # fmt: skip
 QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}

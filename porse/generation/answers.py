@@ -1,4 +1,4 @@
-"""Who answers: the model by way of its recorded replies, the grammar, or a random splice of state variables.
+"""Who answers: the model by way of its recorded replies, the grammar, files, or a random splice of state variables.
 
 A question that nobody records still has its key, and what the grammar writes for it follows from the run's seed and that
 key alone. So methods that ask the same question get the same answer, whoever answers.
@@ -8,13 +8,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from porse.config import Params
+from porse.errors import SearchError
 from porse.generation.grammar import mapping_text, reward_text, spliced_mapping_text, values_text
 from porse.identity import seed_for
 from porse.llm.ask import ask
 from porse.llm.request import Question, Reply
 from porse.tasks import find_task
 
-GRAMMAR, SPLICED = "grammar", "spliced"
+FILES, SPLICED = "files", "spliced"
+FOLDER = "functions"
+"""Below it are the folders of one's own functions."""
+FUNCTIONS = ("reward", "mapping")
+"""Kinds of questions that a function answers; a list of values answers the others."""
 
 
 def answers(kinds: Sequence[str], questions: Sequence[Question], params: Params, cache: Path) -> list[Reply]:
@@ -28,12 +33,13 @@ def answers(kinds: Sequence[str], questions: Sequence[Question], params: Params,
 
     Raises:
         CacheMiss: replies are missing in frozen mode; and what else `porse.llm.ask.ask` raises.
+        SearchError: a function's file is missing.
     """
     writers = [writer(kind, params) for kind in kinds]
     asked = [question for question, other in zip(questions, writers, strict=True) if not other]
     recorded = iter(ask(asked, params.llm, cache) if asked else [])
     return [
-        _written(other, kind, question.request.key, params) if other else next(recorded)
+        _written(other, kind, question, params) if other else next(recorded)
         for kind, question, other in zip(kinds, questions, writers, strict=True)
     ]
 
@@ -42,13 +48,16 @@ def writer(kind: str, params: Params) -> str:
     """Returns who writes in place of the model, empty for nobody."""
     if kind == "mapping" and params.generate.mappings == "spliced":
         return SPLICED
-    return GRAMMAR if params.generator == "grammar" else ""
+    return "" if params.generator == "model" else params.generator
 
 
-def _written(writer: str, kind: str, key: str, params: Params) -> Reply:
+def _written(writer: str, kind: str, question: Question, params: Params) -> Reply:
+    key = question.request.key
+    seed = seed_for(params.seed, writer, key)
+    in_file = writer == FILES and kind in FUNCTIONS
     return Reply(
         key=key,
-        text=_text(writer, kind, seed_for(params.seed, writer, key), params),
+        text=_file_text(kind, question, params) if in_file else _text(writer, kind, seed, params),
         finish_reason="stop",
         prompt_tokens=0,
         completion_tokens=0,
@@ -57,8 +66,21 @@ def _written(writer: str, kind: str, key: str, params: Params) -> Reply:
     )
 
 
+def _file_text(kind: str, question: Question, params: Params) -> str:
+    """Returns the function of a question's slot as a reply; samples of a slot are K apart."""
+    slot = question.request.sample % params.generate.candidates
+    path = Path(FOLDER) / params.generate.functions / f"{kind}-{slot}.py"
+    try:
+        source = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SearchError(
+            f"expected the {kind} function of slot {slot} in {path}, found no such file; write it there, or lower generate.candidates"
+        ) from None
+    return f"```python\n{source.strip()}\n```\n"
+
+
 def _text(writer: str, kind: str, seed: int, params: Params) -> str:
-    if kind not in ("reward", "mapping"):
+    if kind not in FUNCTIONS:
         return values_text(kind, params.mutate.mutants, params.candidate.scale, seed)
     variables = find_task(params.task).VARIABLES
     if writer == SPLICED:

@@ -2,7 +2,7 @@
 
 import difflib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from porse.errors import ParamsError
@@ -15,13 +15,14 @@ _TASK_NAMES = "porse/task_names.py"
 """It names the modules of all tasks; a stage imports that of the run's task."""
 
 
-def stage_files(root: Path, stage: Stage, task: str) -> dict[str, str]:
+def stage_files(root: Path, stage: Stage, task: str, own: Sequence[str]) -> dict[str, str]:
     """Returns the SHA-256 of each file that a stage depends on, by its path below `root`, in the order of the paths.
 
     Args:
         root: the project's root.
         stage: the stage.
         task: the task of the run; its module is a dependency, those of others are none.
+        own: further folders that the stage reads.
 
     Raises:
         ParamsError: no task has that name, or the module of one's own is not there.
@@ -29,7 +30,7 @@ def stage_files(root: Path, stage: Stage, task: str) -> dict[str, str]:
     paths = _imported(root, stage.script, "porse")
     if "task" in stage.parameters and any(path.parts[-2:] == ("tasks", "__init__.py") for path in paths):
         paths |= task_files(root, task)
-    for folder in (*stage.folders, PACKAGES):
+    for folder in (*stage.folders, *own, PACKAGES):
         paths |= _below(root / folder)
     names = {path.relative_to(root).as_posix() for path in paths} - set(NO_RESULT)
     return {name: _hash(root / name) for name in sorted(names)}

@@ -9,7 +9,7 @@ from typing import Any
 from porse.config import Params, parse_params, parse_part
 from porse.errors import ParamsError
 from porse.inputs.files import changed_files, stage_files
-from porse.inputs.stages import STAGES
+from porse.inputs.stages import STAGES, Stage
 from porse.methods import overridden
 
 
@@ -41,12 +41,20 @@ def resolve_inputs(root: Path, document: Any, where: str) -> dict[str, Inputs]:
     Raises:
         ParamsError: a parameter is wrong, or the task's module is not there.
     """
-    task = parse_params(document, where).task
+    params = parse_params(document, where)
     resolved = overridden(document, where)
     return {
-        name: Inputs(_part(resolved, stage.parameters), stage_files(root, stage, task))
+        name: Inputs(
+            _part(resolved, stage.parameters), stage_files(root, stage, params.task, _own_files(stage, params))
+        )
         for name, stage in STAGES.items()
     }
+
+
+def _own_files(stage: Stage, params: Params) -> tuple[str, ...]:
+    """Returns the folder of a user's own functions, for a stage that reads them."""
+    reads = params.generator == "files" and "generator" in stage.parameters
+    return (f"functions/{params.generate.functions}",) if reads else ()
 
 
 def read_inputs(path: Path) -> tuple[Inputs, Params]:

@@ -1,8 +1,10 @@
 """Runs the entries of a suite, one after the other: done ones are skipped, a failed one stops nobody else."""
 
+import os
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from porse.pipeline import FOLDER as ITERATIONS
@@ -12,6 +14,7 @@ from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
 from porse.suite.folders import Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
+from porse.warm.start import warm_server
 
 _KEPT_LINES = 20
 """Lines of a failed entry's log that are kept with it."""
@@ -33,13 +36,13 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
         PorseError: the suite is running already, or Git or DVC does not work here.
     """
     folders = folders_of(suite.name, root)
-    with locked(folders.lock) as lock:
+    with locked(folders.lock) as lock, ExitStack() as servers:
         files = tracked_files(root)
         if folders.source.exists():
             shutil.rmtree(folders.source)
         copy_files(files, root, folders.source)
         entries = resolve(suite, root, code_id(folders.source, files), where)
-        failed = []
+        failed, warm = [], dict[str, Mapping[str, str]]()
         for number, resolved in enumerate(entries, start=1):
             name = resolved.entry.name
             label = f"[{number}/{len(entries)}] {name}"
@@ -47,7 +50,10 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
                 say(f"{label}: was done before")
                 continue
             say(f"{label}: runs, see {folders.log(name).relative_to(root)}")
-            if _run_entry(folders, resolved, files, root, lock):
+            profile = resolved.params["numerics"]
+            if profile not in warm:
+                warm[profile] = servers.enter_context(warm_server(profile))
+            if _run_entry(folders, resolved, files, root, lock, warm[profile]):
                 say(f"{label}: done")
             else:
                 failed.append(name)
@@ -72,7 +78,9 @@ def failure(folders: Folders, name: str) -> str | None:
     return (own or lines or [f"exit code {record['exit_code']}"])[-1]
 
 
-def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root: Path, lock: int) -> bool:
+def _run_entry(
+    folders: Folders, resolved: Resolved, files: Sequence[str], root: Path, lock: int, warm: Mapping[str, str]
+) -> bool:
     """Runs one entry, from where it was left if the clone is its own; returns whether it got to its end."""
     name = resolved.entry.name
     current = {"entry": name, **resolved.ids}
@@ -85,7 +93,7 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     repair(folders.work)
     log = folders.log(name)
     log.parent.mkdir(exist_ok=True)
-    code = _reproduce(folders.work, log, lock)
+    code = _reproduce(folders.work, log, lock, warm)
     result = folders.result(name)
     if result.exists():
         shutil.rmtree(result)
@@ -104,15 +112,22 @@ def _run_entry(folders: Folders, resolved: Resolved, files: Sequence[str], root:
     return True
 
 
-def _reproduce(work: Path, log: Path, lock: int) -> int:
+def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int:
     """Runs `dvc repro` in the clone, and returns its exit code.
 
     It holds the suite's lock too, and ends with this process: nobody else ever works in the clone.
+
+    Args:
+        work: the clone.
+        log: the file for its output.
+        lock: the suite's lock.
+        warm: the environment variables by which stages find a warm server.
     """
     with log.open("wb") as output:
         return subprocess.run(
             [*DVC, "repro"],
             cwd=work,
+            env={**os.environ, **warm},
             stdout=output,
             stderr=subprocess.STDOUT,
             pass_fds=(lock,),

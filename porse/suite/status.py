@@ -12,6 +12,9 @@ from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
 from porse.suite.run import failure, is_done
 
+_NAMES = ("task", "method", "ablation", "variant")
+"""What entries that differ by their seed alone have in common."""
+
 State = Literal["done", "failed", "running", "partial", "outdated", "waiting"]
 
 
@@ -70,24 +73,25 @@ def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
 def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     """Returns one row for each entry, in order; figures are None where there are none.
 
-    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task and seed
-    (eq. 8), and where one of them is not done, against the references of `params.yaml`.
+    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task, variant
+    and seed (eq. 8), and where one of them is not done, against the references of `params.yaml`.
     """
     measured = {
-        (status.entry.method, status.entry.task, status.entry.seed): status.metrics["mts"]
+        (status.entry.method, status.entry.task, status.entry.variant, status.entry.seed): status.metrics["mts"]
         for status in statuses
         if status.metrics is not None and status.entry.ablation == "none"
     }
     return [_row(status, measured) for status in statuses]
 
 
-def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict[str, Any]:
+def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) -> dict[str, Any]:
     entry, metrics = status.entry, status.metrics
     row = {
         "entry": entry.name,
         "task": entry.task,
         "method": entry.method,
         "ablation": entry.ablation,
+        "variant": entry.variant,
         "seed": entry.seed,
         "state": status.state,
         "reason": status.reason,
@@ -95,7 +99,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict
     figures = ("mts", "hns", "evaluation_mean", "evaluation_std", "epochs_spent", "epochs_allowed", "valid_share")
     if metrics is None:
         return row | dict.fromkeys(figures)
-    human, sparse = (measured.get((method, entry.task, entry.seed)) for method in ("human", "sparse"))
+    human, sparse = (measured.get((method, entry.task, entry.variant, entry.seed)) for method in ("human", "sparse"))
     hns = metrics["hns"]
     if human is not None and sparse is not None:
         hns = human_normalised_score(metrics["mts"], human, sparse)
@@ -111,7 +115,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict
 
 
 def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Returns, for each task, method and ablation with something done, mean and deviation of MTS over seeds.
+    """Returns, for each task, method, ablation and variant with something done, mean and deviation of MTS over seeds.
 
     Args:
         entries: rows of `rows`.
@@ -119,13 +123,13 @@ def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         Rows in the order of the entries. The deviation is that of a sample (n - 1), None for fewer than two seeds.
     """
-    groups: dict[tuple[str, str, str], list[float]] = {}
+    groups: dict[tuple[str, str, str, str], list[float]] = {}
     for row in entries:
         if row["mts"] is not None:
-            groups.setdefault((row["task"], row["method"], row["ablation"]), []).append(row["mts"])
+            groups.setdefault((row["task"], row["method"], row["ablation"], row["variant"]), []).append(row["mts"])
     return [
-        {"task": task, "method": method, "ablation": ablation, "seeds": len(values), **_mean_and_std(values)}
-        for (task, method, ablation), values in groups.items()
+        dict(zip(_NAMES, group, strict=True)) | {"seeds": len(values), **_mean_and_std(values)}
+        for group, values in groups.items()
     ]
 
 
@@ -144,13 +148,14 @@ def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
         parts.append("\n".join(reasons))
     groups = summary(entries)
     if groups:
-        parts.append(_aligned([("task", "method", "ablation", "seeds", "MTS"), *(_group_cells(row) for row in groups)]))
+        named = [name for name in _NAMES if name != "variant" or any(row["variant"] for row in groups)]
+        parts.append(_aligned([(*named, "seeds", "MTS"), *(_group_cells(row, named) for row in groups)]))
     return "\n\n".join(parts)
 
 
-def _group_cells(group: Mapping[str, Any]) -> tuple[str, ...]:
-    names = (group["task"], group["method"], group["ablation"], str(group["seeds"]))
-    return (*names, _spread(group["mts_mean"], group["mts_std"]))
+def _group_cells(group: Mapping[str, Any], named: Sequence[str]) -> tuple[str, ...]:
+    cells = [group[name] or "-" for name in named]
+    return (*cells, str(group["seeds"]), _spread(group["mts_mean"], group["mts_std"]))
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
