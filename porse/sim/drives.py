@@ -1,16 +1,18 @@
 """Position drives whose whole force, stiffness and damping together, stays within the force limit, as in PhysX.
 
 A MuJoCo position actuator with `kv` is such a drive: its force k (target - q) - d v is clamped as a whole. It is
-evaluated before a step, though, and where d dt exceeds the joint's inertia a clamped drive overshoots and comes back
-in every other step. PhysX solves the drive at the end of the step instead: the force that brings about v' is
-k (target - q - dt v') - d v', clamped. For one joint of inertia I that is the explicit force
+evaluated before a step, though, and where it is clamped, implicit integration no longer knows its damping: a joint with
+a low inertia I overshoots and comes back in every other step, by limit * dt / I. PhysX solves the drive at the end of
+the step instead: the force that brings about v' is k (target - q - dt v') - d v', clamped. That is the explicit force
 
     f = (k (target - q) - (d + k dt) v) / (1 + x),    x = (d + k dt) dt / I,
 
-so a drive with the gains k / (1 + x) and (d + k dt) / (1 + x) does the same in an explicit step, at any stiffness.
+so a drive with the gains k / (1 + x) and (d + k dt) / (1 + x) moves a free joint as far, and does not overshoot. Its
+stiffness against what holds the joint is lower; the limit is reached all the same where k / (1 + x) times the highest
+lead of the target exceeds it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -27,22 +29,23 @@ class Drive:
     stiffness: float
     damping: float
     limit: float
-    fastest: float = float("inf")
+    fastest: float
 
-    def explicit(self, inertia: float, dt: float) -> tuple[float, float]:
-        """Returns stiffness and damping that do in an explicit step of `dt` (s) what this drive does in an implicit one.
+    def explicit(self, inertia: float, dt: float) -> "Drive":
+        """Returns the drive that does in an explicit step of `dt` (s) what this one does in an implicit one.
 
         Args:
-            inertia: of the joint, with the armature (kg m2 or kg).
+            inertia: the lowest of the joint, with the armature (kg m2 or kg).
             dt: physics step (s).
         """
         damping = self.damping + self.stiffness * dt
         share = 1.0 / (1.0 + damping * dt / inertia)
-        return self.stiffness * share, damping * share
+        return replace(self, stiffness=self.stiffness * share, damping=damping * share)
 
-    def lead(self, dt: float) -> float:
-        """Returns how far (rad or m) the target may lead the joint without driving it faster than `fastest`.
+    @property
+    def lead(self) -> float:
+        """How far (rad or m) the target may lead the joint without driving it faster than `fastest`.
 
-        Where damping and stiffness balance, k (lead - dt v) = d v.
+        There stiffness and damping balance: k lead = d fastest.
         """
-        return (self.damping / self.stiffness + dt) * self.fastest
+        return self.damping * self.fastest / self.stiffness

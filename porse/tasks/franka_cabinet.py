@@ -1,7 +1,7 @@
 """FrankaCabinet: a Panda arm pulls the top drawer of a cabinet open.
 
-After the Isaac Gym task of that name. Departures: the finger drives have stiffness 30 000 and 60 N instead of 1e6 and
-200 N, which this time step and soft contacts cannot carry; the arm's joints have an armature of 0.1 kg m2 (the original:
+After the Isaac Gym task of that name. Departures: the finger drives have stiffness 30 000 and push with 60 N instead of
+1e6 and 200 N, which this time step and soft contacts cannot carry; the arm's joints have an armature of 0.1 kg m2 (the original:
 none); the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes ride with the drawer
 (see `franka_scene`). A drive's target leads its joint by no more than drives the joint at its highest speed.
 """
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
-from porse.tasks.franka_scene import DRIVES, STANCE, franka_scene
+from porse.tasks.franka_scene import STANCE, drives, franka_scene
 from porse.tasks.plain import plain_variables
 from porse.tasks.success import SuccessTask
 from porse.variables import Variable
@@ -97,7 +97,7 @@ class FrankaCabinet(SuccessTask):
         self._bodies = Bodies(self._physics, BODY_NAMES)
         model = self._physics.model
         dt = self.CONTROL_DT / self.SUBSTEPS
-        self._lead = torch.tensor([drive.lead(dt) for drive in DRIVES.values()], dtype=torch.float64)
+        self._lead = torch.tensor([drive.lead for drive in drives(dt).values()], dtype=torch.float64)
         self._targets = torch.zeros(self.num_envs, 9, dtype=torch.float64)
         self._drawers = torch.tensor([int(model.joint(name).qposadr[0]) for name in CABINET_JOINTS])
         self.franka_dof_lower_limits = LOWER.repeat(self.num_envs, 1)

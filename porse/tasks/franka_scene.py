@@ -4,27 +4,37 @@ The arm's frames, joint limits, efforts and link masses are the published ones; 
 cabinet is a box of panels with the original's outer dimensions. The sixteen cubes that lie in the top drawer of the
 original (0.205 kg each) are part of the drawer here: loose, they would be most of the physics and change nothing else.
 
-The drives are those of `porse.sim.drives`: explicit gains that do what an implicit drive does, clamped as a whole. With
-MuJoCo's own actuators and implicit damping the wrist, clamped at 12 N m, would jerk by 0.9 rad/s in every step. That
-needs the explicit integrator; the damping of the cabinet's joints is implicit in it all the same.
+The drives' whole force stays within their limits (see `porse.sim.drives`). The wrist has explicit gains: with the
+original's, clamped at 12 N m, it would jerk by 0.9 rad/s in every step.
 """
 
 import mujoco
-import numpy as np
 
 from porse.sim.drives import Drive
+
+ARMATURE = 0.1
+"""Of every joint of the arm (kg m2) and its fingers (kg)."""
 
 ARM = Drive(stiffness=400.0, damping=80.0, limit=87.0, fastest=2.175)
 WRIST = Drive(stiffness=400.0, damping=80.0, limit=12.0, fastest=2.61)
 FINGER = Drive(stiffness=3e4, damping=300.0, limit=60.0, fastest=0.2)
-"""The original's drive has 1e6, 100 and 200 N; with 200 N a finger sinks 2 cm into the handle's soft contact."""
+"""The original's drive has 1e6, 100 and 200 N; with 200 N a finger would sink 2 cm into a contact. The damping acts at
+the joint, outside the limit: the highest lead times the stiffness is the limit, so the drive never needs to be clamped,
+and a finger that a blow moves stays within an implicit step."""
 
-DRIVES = {
-    **{f"panda_joint{i}": ARM for i in range(1, 5)},
-    **{f"panda_joint{i}": WRIST for i in range(5, 8)},
-    **{f"panda_finger_joint{i}": FINGER for i in (1, 2)},
-}
-"""The drive of each joint, in the order of the actions. Speeds are those of the robot's description."""
+
+def drives(dt: float) -> dict[str, Drive]:
+    """Returns the drive of each joint, in the order of the actions, for a physics step of `dt` (s).
+
+    Highest speeds are those of the robot's description.
+    """
+    wrist = WRIST.explicit(ARMATURE, dt)
+    return {
+        **{f"panda_joint{i}": ARM for i in range(1, 5)},
+        **{f"panda_joint{i}": wrist for i in range(5, 8)},
+        **{f"panda_finger_joint{i}": FINGER for i in (1, 2)},
+    }
+
 
 STANCE = (1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035)
 """Joint angles (rad) and finger travels (m) in the middle of the starts."""
@@ -37,14 +47,14 @@ PROP_SIZE = 0.04
 _XML = """
 <mujoco model="FrankaCabinet">
   <compiler angle="radian" autolimits="true"/>
-  <option integrator="Euler"/>
+  <option integrator="implicitfast"/>
   <default>
     <default class="arm">
       <geom type="capsule" contype="1" conaffinity="2" group="1" rgba="0.9 0.9 0.9 1" mass="0"/>
-      <joint armature="0.1"/>
+      <joint armature="{armature}"/>
       <default class="finger">
         <geom type="box" friction="1 0.05 0.005" condim="4" rgba="0.3 0.3 0.3 1"/>
-        <joint type="slide" range="0 0.04" armature="0.1"/>
+        <joint type="slide" range="0 0.04" damping="{finger_damping}"/>
       </default>
     </default>
     <default class="cabinet">
@@ -147,7 +157,7 @@ _XML = """
 
 def franka_scene(dt: float) -> mujoco.MjSpec:
     """Returns the scene, with the cubes in the top drawer and drives for a physics step of `dt` (s)."""
-    spec = mujoco.MjSpec.from_string(_XML)
+    spec = mujoco.MjSpec.from_string(_XML.format(armature=ARMATURE, finger_damping=FINGER.damping))
     drawer = spec.body("drawer_top")
     for i in range(4):
         for j in range(4):
@@ -156,21 +166,10 @@ def franka_scene(dt: float) -> mujoco.MjSpec:
                 pos=[PROP_SPACING * (i - 1.5), PROP_SPACING * (j - 1.5), 0.0], rgba=[0.3, 0.5, 0.8, 1],
                 contype=0, conaffinity=0,
             )  # fmt: skip
-    for (joint, drive), inertia in zip(DRIVES.items(), _inertias(spec.compile()), strict=True):
-        stiffness, damping = drive.explicit(inertia, dt)
+    for joint, drive in drives(dt).items():
         actuator = spec.add_actuator(
             name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint, forcelimited=True,
             forcerange=[-drive.limit, drive.limit],
         )  # fmt: skip
-        actuator.set_to_position(stiffness, kv=damping)
+        actuator.set_to_position(drive.stiffness, kv=0.0 if drive is FINGER else drive.damping)
     return spec
-
-
-def _inertias(model: mujoco.MjModel) -> list[float]:
-    """Returns the inertia that each driven joint feels in the stance, the others being free to give way."""
-    data = mujoco.MjData(model)
-    data.qpos[: len(STANCE)] = STANCE
-    mujoco.mj_forward(model, data)
-    inverse = np.zeros((model.nv, model.nv))
-    mujoco.mj_solveM(model, data, inverse, np.eye(model.nv))
-    return [1.0 / float(inverse[i, i]) for i in range(len(STANCE))]
