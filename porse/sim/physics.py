@@ -40,6 +40,8 @@ class Physics(ABC):
         force: external wrench on each body, force then torque, world frame, `(num_envs, nbody, 6)`, float64, live.
         mocap_pos: positions of the bodies that only a task moves, `(num_envs, nmocap, 3)`, float64, live.
         mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, float64, live.
+        kept: the share of its velocity that each degree of freedom keeps when a step begins, `(nv,)`, float64, or None
+            where nothing is dragged (see `porse.sim.drag`). Outer forces are for whoever writes them to scale.
     """
 
     model: mujoco.MjModel
@@ -50,6 +52,7 @@ class Physics(ABC):
     force: Tensor
     mocap_pos: Tensor
     mocap_quat: Tensor
+    kept: Tensor | None = None
 
     @abstractmethod
     def advance(self, substeps: int) -> Tensor:
@@ -114,20 +117,29 @@ class CpuPhysics(Physics):
 
     def advance(self, substeps: int) -> Tensor:
         """See `Physics.advance`."""
-        raised = None
-        try:
-            self._batch.step(nstep=substeps, stage=self._stage)
-        except SimulationError as error:
-            raised = error.ids
+        raised: list[int] = []
+        if self.kept is None:
+            raised += self._step(substeps, self._stage)
+        else:
+            for left in reversed(range(substeps)):
+                self.qvel *= self.kept
+                raised += self._step(1, mujoco.mjtStage.mjSTAGE_NONE.value if left else self._stage)
         # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
         warning = self._batch.warning
         bad = ~(np.abs(self._batch.bind("qvel")).max(axis=1) <= SPEED_LIMIT)
         if warning.any():
             bad |= warning[:, _BAD, 1].any(axis=1)
             warning[:] = 0
-        if raised is not None:
-            bad[raised] = True
+        bad[raised] = True
         return torch.from_numpy(bad)
+
+    def _step(self, substeps: int, stage: int) -> list[int]:
+        """Steps the batch, and returns the simulations that raised an error."""
+        try:
+            self._batch.step(nstep=substeps, stage=stage)
+        except SimulationError as error:
+            return list(error.ids)
+        return []
 
     def restart(self, ids: Tensor) -> None:
         """See `Physics.restart`."""

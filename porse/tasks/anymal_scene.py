@@ -21,9 +21,8 @@ _XML = """
   <option integrator="implicitfast"/>
   <default>
     <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.005 1" rgba="0.3 0.3 0.35 1"/>
-    <joint damping="{damping}"/>
     <site group="4" rgba="1 0 0 0"/>
-    <position kp="{stiffness}" forcerange="-{effort} {effort}"/>
+    <position kp="{stiffness}" kv="{damping}" forcerange="-{effort} {effort}"/>
   </default>
   <worldbody>
     <light name="light" pos="0 0 6" dir="0 0 -1" mode="trackcom"/>

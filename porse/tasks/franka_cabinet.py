@@ -1,8 +1,9 @@
 """FrankaCabinet: a Panda arm pulls the top drawer of a cabinet open.
 
-After the Isaac Gym task of that name. Departures: the finger drives have stiffness 5 000 instead of 1e6, which this
-time step cannot carry; the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes
-ride with the drawer (see `franka_scene`).
+After the Isaac Gym task of that name. Departures: the finger drives have stiffness 30 000 and push with 60 N instead of
+1e6 and 200 N, which this time step and soft contacts cannot carry; the arm's joints have an armature of 0.1 kg m2 (the original:
+none); the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes ride with the drawer
+(see `franka_scene`). A drive's target leads its joint by no more than drives the joint at its highest speed.
 """
 
 from typing import ClassVar
@@ -13,14 +14,14 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
-from porse.tasks.franka_scene import franka_scene
+from porse.tasks.franka_scene import STANCE, drives, franka_scene
 from porse.tasks.plain import plain_variables
 from porse.tasks.success import SuccessTask
 from porse.variables import Variable
 
 LOWER = torch.tensor([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0, 0.0])
 UPPER = torch.tensor([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973, 0.04, 0.04])
-START = torch.tensor([1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035])
+START = torch.tensor(STANCE)
 START_NOISE = 0.125
 SPEED = torch.tensor([7.5] * 7 + [0.75] * 2) / 60.0
 """Change of a joint's target in a control step at action 1 (rad; fingers m)."""
@@ -55,7 +56,7 @@ class FrankaCabinet(SuccessTask):
     SUBSTEPS: ClassVar[int] = 2
     OBSERVATION_CLIP: ClassVar[float] = 5.0
     FIELDS: ClassVar[tuple[str, ...]] = bodies.FIELDS
-    MEASURED: ClassVar[tuple[str, ...]] = ("rigid_body_states", "successes", "outcomes")
+    MEASURED: ClassVar[tuple[str, ...]] = ("rigid_body_states", "successes", "outcomes", "_targets")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         Variable("franka_grasp_pos", "tensor", (3,), "m", "world", "grasp point of the gripper"),
         Variable("franka_grasp_rot", "tensor", (4,), "1", "world", "orientation of the gripper"),
@@ -89,12 +90,15 @@ class FrankaCabinet(SuccessTask):
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
         """Returns the arm before the cabinet."""
-        return franka_scene()
+        return franka_scene(cls.CONTROL_DT / cls.SUBSTEPS)
 
     def _prepare(self) -> None:
         super()._prepare()
         self._bodies = Bodies(self._physics, BODY_NAMES)
         model = self._physics.model
+        dt = self.CONTROL_DT / self.SUBSTEPS
+        self._lead = torch.tensor([drive.lead for drive in drives(dt).values()], dtype=torch.float64)
+        self._targets = torch.zeros(self.num_envs, 9, dtype=torch.float64)
         self._drawers = torch.tensor([int(model.joint(name).qposadr[0]) for name in CABINET_JOINTS])
         self.franka_dof_lower_limits = LOWER.repeat(self.num_envs, 1)
         self.franka_dof_upper_limits = UPPER.repeat(self.num_envs, 1)
@@ -105,10 +109,12 @@ class FrankaCabinet(SuccessTask):
         joints = (START + self._uniform(-START_NOISE, START_NOISE, len(ids), 9)).clamp(LOWER, UPPER).double()
         self._physics.qpos[ids, :9] = joints
         self._physics.ctrl[ids] = joints
+        self._targets[ids] = joints
 
     def _act(self) -> None:
-        ctrl = self._physics.ctrl
-        ctrl[:] = (ctrl + (SPEED * self.actions).double()).clamp(LOWER.double(), UPPER.double())
+        self._targets = (self._targets + (SPEED * self.actions).double()).clamp(LOWER.double(), UPPER.double())
+        joints = self._physics.qpos[:, :9]
+        self._physics.ctrl[:] = self._targets.clamp(joints - self._lead, joints + self._lead)
 
     def _measure(self) -> None:
         self.rigid_body_states = self._bodies.states()

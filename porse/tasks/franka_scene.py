@@ -3,9 +3,41 @@
 The arm's frames, joint limits, efforts and link masses are the published ones; its links collide as capsules. The
 cabinet is a box of panels with the original's outer dimensions. The sixteen cubes that lie in the top drawer of the
 original (0.205 kg each) are part of the drawer here: loose, they would be most of the physics and change nothing else.
+
+The drives' whole force stays within their limits (see `porse.sim.drives`). The wrist has explicit gains: with the
+original's, clamped at 12 N m, it would jerk by 0.9 rad/s in every step.
 """
 
 import mujoco
+
+from porse.sim.drives import Drive
+
+ARMATURE = 0.1
+"""Of every joint of the arm (kg m2) and its fingers (kg)."""
+
+ARM = Drive(stiffness=400.0, damping=80.0, limit=87.0, fastest=2.175)
+WRIST = Drive(stiffness=400.0, damping=80.0, limit=12.0, fastest=2.61)
+FINGER = Drive(stiffness=3e4, damping=300.0, limit=60.0, fastest=0.2)
+"""The original's drive has 1e6, 100 and 200 N; with 200 N a finger would sink 2 cm into a contact. The damping acts at
+the joint, outside the limit: the highest lead times the stiffness is the limit, so the drive never needs to be clamped,
+and a finger that a blow moves stays within an implicit step."""
+
+
+def drives(dt: float) -> dict[str, Drive]:
+    """Returns the drive of each joint, in the order of the actions, for a physics step of `dt` (s).
+
+    Highest speeds are those of the robot's description.
+    """
+    wrist = WRIST.explicit(ARMATURE, dt)
+    return {
+        **{f"panda_joint{i}": ARM for i in range(1, 5)},
+        **{f"panda_joint{i}": wrist for i in range(5, 8)},
+        **{f"panda_finger_joint{i}": FINGER for i in (1, 2)},
+    }
+
+
+STANCE = (1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035)
+"""Joint angles (rad) and finger travels (m) in the middle of the starts."""
 
 PROP_MASS = 0.205
 PROP_SPACING = 0.09
@@ -19,13 +51,10 @@ _XML = """
   <default>
     <default class="arm">
       <geom type="capsule" contype="1" conaffinity="2" group="1" rgba="0.9 0.9 0.9 1" mass="0"/>
-      <joint armature="0.1"/>
-      <position kp="400" forcerange="-87 87"/>
-      <default class="wrist"><position kp="400" forcerange="-12 12"/></default>
+      <joint armature="{armature}"/>
       <default class="finger">
         <geom type="box" friction="1 0.05 0.005" condim="4" rgba="0.3 0.3 0.3 1"/>
-        <joint type="slide" range="0 0.04" damping="100" armature="0.1"/>
-        <position kp="5000" forcerange="-200 200"/>
+        <joint type="slide" range="0 0.04" damping="{finger_damping}"/>
       </default>
     </default>
     <default class="cabinet">
@@ -40,31 +69,31 @@ _XML = """
       <geom name="link0" fromto="0 0 0.03 0 0 0.25" size="0.06"/>
       <body name="panda_link1" pos="0 0 0.333" gravcomp="1">
         <inertial pos="0 -0.02 -0.06" mass="4.97" diaginertia="0.05 0.05 0.02"/>
-        <joint name="panda_joint1" axis="0 0 1" range="-2.8973 2.8973" damping="80"/>
+        <joint name="panda_joint1" axis="0 0 1" range="-2.8973 2.8973"/>
         <geom name="link1" fromto="0 0 -0.1 0 0 0" size="0.06"/>
         <body name="panda_link2" quat="0.70710678 -0.70710678 0 0" gravcomp="1">
           <inertial pos="0 -0.03 0.02" mass="0.647" diaginertia="0.01 0.01 0.01"/>
-          <joint name="panda_joint2" axis="0 0 1" range="-1.7628 1.7628" damping="80"/>
+          <joint name="panda_joint2" axis="0 0 1" range="-1.7628 1.7628"/>
           <geom name="link2" fromto="0 0 0 0 -0.2 0" size="0.06"/>
           <body name="panda_link3" pos="0 -0.316 0" quat="0.70710678 0.70710678 0 0" gravcomp="1">
             <inertial pos="0.03 0.04 -0.07" mass="3.229" diaginertia="0.03 0.03 0.01"/>
-            <joint name="panda_joint3" axis="0 0 1" range="-2.8973 2.8973" damping="80"/>
+            <joint name="panda_joint3" axis="0 0 1" range="-2.8973 2.8973"/>
             <geom name="link3" fromto="0 0 -0.08 0.08 0.03 0" size="0.05"/>
             <body name="panda_link4" pos="0.0825 0 0" quat="0.70710678 0.70710678 0 0" gravcomp="1">
               <inertial pos="-0.05 0.1 0.03" mass="3.588" diaginertia="0.03 0.02 0.03"/>
-              <joint name="panda_joint4" axis="0 0 1" range="-3.0718 -0.0698" damping="80"/>
+              <joint name="panda_joint4" axis="0 0 1" range="-3.0718 -0.0698"/>
               <geom name="link4" fromto="-0.08 0.06 0 -0.08 0.2 0" size="0.05"/>
               <body name="panda_link5" pos="-0.0825 0.384 0" quat="0.70710678 -0.70710678 0 0" gravcomp="1">
                 <inertial pos="0 0.04 -0.1" mass="1.226" diaginertia="0.03 0.03 0.01"/>
-                <joint name="panda_joint5" axis="0 0 1" range="-2.8973 2.8973" damping="80"/>
+                <joint name="panda_joint5" axis="0 0 1" range="-2.8973 2.8973"/>
                 <geom name="link5" fromto="0 0.06 -0.2 0 0.06 -0.05" size="0.04"/>
                 <body name="panda_link6" quat="0.70710678 0.70710678 0 0" gravcomp="1">
                   <inertial pos="0.06 -0.01 -0.01" mass="1.667" diaginertia="0.005 0.005 0.005"/>
-                  <joint name="panda_joint6" axis="0 0 1" range="-0.0175 3.7525" damping="80"/>
+                  <joint name="panda_joint6" axis="0 0 1" range="-0.0175 3.7525"/>
                   <geom name="link6" fromto="0 0 0 0.08 0 0" size="0.05"/>
                   <body name="panda_link7" pos="0.088 0 0" quat="0.70710678 0.70710678 0 0" gravcomp="1">
                     <inertial pos="0 0 0.06" mass="0.736" diaginertia="0.005 0.005 0.003"/>
-                    <joint name="panda_joint7" axis="0 0 1" range="-2.8973 2.8973" damping="80"/>
+                    <joint name="panda_joint7" axis="0 0 1" range="-2.8973 2.8973"/>
                     <geom name="link7" fromto="0 0 0.02 0 0 0.08" size="0.045"/>
                     <body name="panda_hand" pos="0 0 0.107" quat="0.92387953 0 0 -0.38268343" gravcomp="1">
                       <inertial pos="0 0 0.03" mass="0.73" diaginertia="0.001 0.003 0.002"/>
@@ -122,24 +151,13 @@ _XML = """
       </body>
     </body>
   </worldbody>
-  <actuator>
-    <position class="arm" name="panda_joint1" joint="panda_joint1"/>
-    <position class="arm" name="panda_joint2" joint="panda_joint2"/>
-    <position class="arm" name="panda_joint3" joint="panda_joint3"/>
-    <position class="arm" name="panda_joint4" joint="panda_joint4"/>
-    <position class="wrist" name="panda_joint5" joint="panda_joint5"/>
-    <position class="wrist" name="panda_joint6" joint="panda_joint6"/>
-    <position class="wrist" name="panda_joint7" joint="panda_joint7"/>
-    <position class="finger" name="panda_finger_joint1" joint="panda_finger_joint1"/>
-    <position class="finger" name="panda_finger_joint2" joint="panda_finger_joint2"/>
-  </actuator>
 </mujoco>
 """
 
 
-def franka_scene() -> mujoco.MjSpec:
-    """Returns the scene, with the cubes in the top drawer."""
-    spec = mujoco.MjSpec.from_string(_XML)
+def franka_scene(dt: float) -> mujoco.MjSpec:
+    """Returns the scene, with the cubes in the top drawer and drives for a physics step of `dt` (s)."""
+    spec = mujoco.MjSpec.from_string(_XML.format(armature=ARMATURE, finger_damping=FINGER.damping))
     drawer = spec.body("drawer_top")
     for i in range(4):
         for j in range(4):
@@ -148,4 +166,10 @@ def franka_scene() -> mujoco.MjSpec:
                 pos=[PROP_SPACING * (i - 1.5), PROP_SPACING * (j - 1.5), 0.0], rgba=[0.3, 0.5, 0.8, 1],
                 contype=0, conaffinity=0,
             )  # fmt: skip
+    for joint, drive in drives(dt).items():
+        actuator = spec.add_actuator(
+            name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint, forcelimited=True,
+            forcerange=[-drive.limit, drive.limit],
+        )  # fmt: skip
+        actuator.set_to_position(drive.stiffness, kv=0.0 if drive is FINGER else drive.damping)
     return spec

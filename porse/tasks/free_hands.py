@@ -49,6 +49,7 @@ class FreeHandTask(TwoHandTask):
     """
 
     FREE: ClassVar[bool] = True
+    LINK_DAMPING: ClassVar[float] = 100.0
     NUM_ACTIONS: ClassVar[int] = FREE_ACTIONS
     OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = (hand_observations, free_hands, moving_body)
     BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "goal"))

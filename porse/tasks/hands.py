@@ -14,6 +14,7 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
+from porse.sim.drag import kept_share
 from porse.tasks import shadow
 from porse.tasks.hand_observations import JOINT_RANGES
 from porse.tasks.success import SuccessTask
@@ -34,6 +35,7 @@ class TwoHandTask(SuccessTask):
         RIGHT: start pose of the right hand.
         LEFT: start pose of the left hand.
         FREE: whether the hands move as wholes; then an action begins with a force and a torque for each.
+        LINK_DAMPING: damping of every link of the hands (1/s), linear and angular.
         FORCE_SCALE: the original's transition_scale.
         TORQUE_SCALE: the original's orientation_scale.
         JOINT_NOISE: width of the start noise of the joints, as a share of their ranges.
@@ -55,6 +57,7 @@ class TwoHandTask(SuccessTask):
     RIGHT: ClassVar[shadow.BasePose]
     LEFT: ClassVar[shadow.BasePose]
     FREE: ClassVar[bool]
+    LINK_DAMPING: ClassVar[float] = 0.01
     FORCE_SCALE: ClassVar[float] = 0.0
     TORQUE_SCALE: ClassVar[float] = 0.0
     JOINT_NOISE: ClassVar[float] = 0.0
@@ -133,6 +136,10 @@ class TwoHandTask(SuccessTask):
         self._control_index = torch.tensor(
             [model.actuator(f"{side}/A_{joint}").id for side in sides for joint in shadow.ACTUATED]
         )
+        self._kept_share = kept_share(self.LINK_DAMPING, self.CONTROL_DT / self.SUBSTEPS)
+        self._physics.kept = torch.tensor(
+            [self._kept_share if _is_of_a_hand(model, dof) else 1.0 for dof in range(model.nv)], dtype=torch.float64
+        )
         self._forearms = torch.tensor([model.body(f"{side}/forearm").id for side in sides])
         sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
         starts = [int(model.sensor(name).adr[0]) for name in sensors]
@@ -163,7 +170,7 @@ class TwoHandTask(SuccessTask):
             push = actions.view(self.num_envs, 2, 26)[:, :, :6].double() * self.CONTROL_DT
             push[:, :, :3] *= self.FORCE_SCALE * _LINEAR_GAIN
             push[:, :, 3:] *= self.TORQUE_SCALE * _ANGULAR_GAIN
-            self._physics.force[:, self._forearms] = push
+            self._physics.force[:, self._forearms] = self._kept_share * push
         share = (actions.view(self.num_envs, 2, -1)[:, :, -20:] + 1.0) * 0.5
         lower, upper = self._lower[self._driven], self._upper[self._driven]
         targets = (lower + share * (upper - lower)).reshape(self.num_envs, -1)
@@ -214,3 +221,8 @@ class TwoHandTask(SuccessTask):
         """Returns start orientations Rx(pi u0) Ry(pi u1), u ~ U[-1, 1], `(n, 4)`."""
         angle = self._uniform(-torch.pi, torch.pi, n, 2)
         return rotations.multiply(rotations.about_axis(0, angle[:, 0]), rotations.about_axis(1, angle[:, 1]))
+
+
+def _is_of_a_hand(model: mujoco.MjModel, dof: int) -> bool:
+    """Returns whether a degree of freedom is one of the hands' own."""
+    return model.joint(int(model.dof_jntid[dof])).name.split("/")[0] in ("right", "left")

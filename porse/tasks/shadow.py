@@ -48,17 +48,8 @@ BODIES = (
 )  # fmt: skip
 """All bodies of a hand, in the order of `rigid_body_states`."""
 
-MASS = 5.011
-"""Mass of a hand (kg)."""
-
 CENTRE = (0.0016, 0.0081, 0.2917)
 """Centre of mass of a straight hand in the frame of its mount (m)."""
-
-INERTIA = 0.021
-"""Moment of inertia of a straight hand about its centre of mass, mean over the axes (kg m2)."""
-
-DRAG = 100.0
-"""Drag of a free hand, as an acceleration for each unit of velocity (1/s): the original's link damping."""
 
 FIRM = (0.95, 0.99, 0.001, 0.5, 2.0)
 """Impedance of firm contacts: MuJoCo's default lets a hand press a light object centimetres into a table."""
@@ -130,7 +121,7 @@ def add_hand(spec: mujoco.MjSpec, side: str, pose: BasePose, free: bool) -> None
     """Adds a hand to a scene; its names get the prefix `side` and a slash.
 
     A free hand moves by three slides and a ball joint at its centre of mass, "side/base_x", "_y", "_z" and
-    "side/base_turn". Their damping is the drag of the whole hand: a push through the centre then does not turn it.
+    "side/base_turn".
 
     Args:
         spec: the scene.
@@ -141,6 +132,7 @@ def add_hand(spec: mujoco.MjSpec, side: str, pose: BasePose, free: bool) -> None
     hand = _load()
     for body in hand.bodies:
         body.gravcomp = 1.0
+    _drive_wholly(hand)
     _add_sensors(hand)
     other = "left" if side == "right" else "right"
     bit = {"right": 2, "left": 4}
@@ -160,10 +152,8 @@ def add_hand(spec: mujoco.MjSpec, side: str, pose: BasePose, free: bool) -> None
     offset = rotated(turn, CENTRE)
     base = spec.worldbody.add_body(name=f"{side}/base", pos=[p + o for p, o in zip(pose.position, offset, strict=True)])
     for axis, direction in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1])):
-        base.add_joint(
-            name=f"{side}/base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=direction, damping=DRAG * MASS
-        )
-    base.add_joint(name=f"{side}/base_turn", type=mujoco.mjtJoint.mjJNT_BALL, damping=DRAG * INERTIA)
+        base.add_joint(name=f"{side}/base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=direction)
+    base.add_joint(name=f"{side}/base_turn", type=mujoco.mjtJoint.mjJNT_BALL)
     frame = base.add_frame(pos=[-o for o in offset], quat=turn)
     spec.attach(hand, prefix=f"{side}/", frame=frame)
 
@@ -179,6 +169,15 @@ def hold_off_forearms(spec: mujoco.MjSpec) -> None:
                 name=f"{forearm} {part}", geomname1=forearm, geomname2=part, margin=FOREARM_MARGIN,
                 solref=_FOREARM_SOLREF, solimp=FIRM, friction=[1.0, 1.0, 0.005, 0.0001, 0.0001], condim=3,
             )  # fmt: skip
+
+
+def _drive_wholly(hand: mujoco.MjSpec) -> None:
+    """Moves the damping of driven joints into their actuators, so that the force limit holds for the whole drive."""
+    for actuator in hand.actuators:
+        joint = hand.joint(actuator.target)
+        damping = joint.damping.copy()
+        actuator.biasprm[2] = -float(damping[0])
+        joint.damping = 0.0 * damping
 
 
 def _add_sensors(hand: mujoco.MjSpec) -> None:
