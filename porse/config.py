@@ -16,9 +16,8 @@ from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import overridden
 
-MOST_SUMMED_CELLS = 1872
-"""Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
-
+MOST_COUNTS = 2**24
+"""Counts that a checkpoint holds, 128 MiB: of each environment's cells where counts live for an episode."""
 
 MOST_STEPS = 2**22
 """Environment steps of one epoch that are held in memory at once."""
@@ -131,6 +130,8 @@ class ExplorationParams(Section):
     """The exploration bonus."""
 
     lambda_: NonNegative
+    form: Literal["relative", "literal", "calibrated"]
+    lifetime: Literal["candidate", "rung", "episode"]
     cells: Annotated[int, Range(2, 10**6)]
     discretiser: Literal["grid", "sum"]
     simhash_bits: Annotated[int, Range(1, 20)]
@@ -148,7 +149,8 @@ class TrainParams(Section):
     activation: Literal["elu", "relu", "tanh"]
     init_std: Annotated[float, Range(1e-3)]
     normalise_observations: bool
-    reward_scale: Annotated[float, Range(1e-6)]
+    observation_clip: Annotated[float, Range(1e-3)]
+    scaling: Literal["returns", "none"]
     learning_rate: Annotated[float, Range(1e-8, 1.0)]
     desired_kl: Annotated[float, Range(1e-6)]
     gamma: Fraction
@@ -354,10 +356,7 @@ def _check_together(params: Params, where: str) -> None:
     if params.generate.elites >= params.generate.candidates:
         expected = f"less than generate.candidates = {params.generate.candidates}"
         raise ParamsError(wrong("generate.elites", expected, params.generate.elites, where))
-    exploration = params.exploration
-    if exploration.discretiser == "sum" and exploration.cells > MOST_SUMMED_CELLS:
-        expected = f"at most {MOST_SUMMED_CELLS} where exploration.discretiser is sum"
-        raise ParamsError(wrong("exploration.cells", expected, exploration.cells, where))
+    _check_exploration(params, where)
     if len(train.hidden) > MOST_LAYERS:
         raise ParamsError(wrong("train.hidden", f"at most {MOST_LAYERS} layers", list(train.hidden), where))
     batch = train.num_envs * train.steps_per_epoch
@@ -370,6 +369,22 @@ def _check_together(params: Params, where: str) -> None:
         )
     _check_rungs(params, where)
     _check_iterations(params, where)
+
+
+def _check_exploration(params: Params, where: str) -> None:
+    """Raises a ParamsError where a bonus would be nothing, or its counts would fill the disk."""
+    exploration, train = params.exploration, params.train
+    if params.candidate.bonus == "none":
+        return
+    if exploration.form == "relative" and train.gamma == 1.0:
+        expected = "less than 1 where exploration.form is relative: the bonus is lambda (1 - gamma) times the rarity"
+        raise ParamsError(wrong("train.gamma", expected, train.gamma, where))
+    is_hashed = params.candidate.bonus == "simhash"
+    name, number = ("simhash_bits", exploration.simhash_bits) if is_hashed else ("cells", exploration.cells)
+    cells = 2**number if is_hashed else number
+    if exploration.lifetime == "episode" and cells * train.num_envs > MOST_COUNTS:
+        expected = f"fewer cells where exploration.lifetime is episode: times train.num_envs at most {MOST_COUNTS}"
+        raise ParamsError(wrong(f"exploration.{name}", expected, number, where))
 
 
 def _check_iterations(params: Params, where: str) -> None:

@@ -154,9 +154,21 @@ CURVES = Table(
         _ITERATION,
         _RUNG,
         _CANDIDATE,
-        Column("series", _TEXT, "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME"),
+        Column(
+            "series",
+            _TEXT,
+            "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME: means; goal_size, bonus_size,"
+            " bonus_share; cells_visited, new_cells, where something is counted",
+        ),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
-        Column("value", _REAL, "mean over environments and the epoch's steps; fitness: at the epoch's last step"),
+        Column(
+            "value",
+            _REAL,
+            "mean over environments and the epoch's steps, goal and bonus before they are weighed, reward the total before it"
+            " is scaled for PPO; fitness: at the epoch's last step; goal_size and bonus_size: standard deviation of what each"
+            " adds to the total, and bonus_share bonus_size over that of the total, 0 without a bonus; cells_visited: the share"
+            " of the cells visited so far, 0 to 1; new_cells: how many were first visited in this epoch",
+        ),
     ),
 )
 

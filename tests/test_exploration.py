@@ -1,86 +1,184 @@
+"""The affordance state space and its counts as properties: outliers, values that are no numbers, splits, lifetimes."""
+
+import math
+
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from porse.exploration.ranges import Range, first_range, grow
-from porse.exploration.visits import VisitCounts, bins_per_variable
+from porse.exploration import Counts, ProgressSpace, literal, relative
+from porse.exploration.bins import bins_per_summand, bins_per_variable, centre_and_unit, unit_edges
 
 FLOATS = st.floats(-1e6, 1e6, allow_nan=False, width=32)
+ANY_FLOATS = st.floats(width=32)
+
+
+def normal(*shape, seed=0):
+    return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
+
+
+def no_ends(cells):
+    return torch.zeros(cells.shape, dtype=torch.bool)
 
 
 def test_the_bins_fill_the_cells_and_no_more():
     # 1000 = 10^3; 31^2 = 961 < 1000 < 32^2; 5^4 = 625 < 1000 < 6^4
     assert [bins_per_variable(1000, d) for d in (1, 2, 3, 4)] == [1000, 31, 10, 5]
+    # 1 x 999 + 1 = 1000; 2 x 499 + 1 = 999; 3 x 333 + 1 = 1000; 8 x 124 + 1 = 993, and 8 x 125 + 1 = 1001 are too many
+    assert [bins_per_summand(1000, d) for d in (1, 2, 3, 8)] == [1000, 500, 334, 125]
+    assert [ProgressSpace([True] * d, 1000, "grid").cells for d in (1, 2, 3, 4)] == [1000, 961, 1000, 625]
+    assert [ProgressSpace([True] * d, 1000, "sum").cells for d in (1, 2, 3, 8)] == [1000, 999, 1000, 993]
 
 
-def test_growing_upward_merges_pairs_from_below():
-    # [0, 4) in bins of 1 -> [0, 8) in bins of 2: bins 0 and 1 become bin 0, bins 2 and 3 become bin 1.
-    assert grow(Range(0.0, 1.0, 4), 5.0) == (Range(0.0, 2.0, 4), [0, 0, 1, 1])
+@given(st.integers(2, 2000), st.integers(1, 40))
+def test_no_larger_number_of_bins_would_fit(cells, variables):
+    bins = bins_per_summand(cells, variables)
+    assert variables * (bins - 1) + 1 <= cells < variables * bins + 1
+    bins = bins_per_variable(cells, variables)
+    assert bins**variables <= cells < (bins + 1) ** variables
 
 
-def test_growing_downward_merges_pairs_from_above():
-    # [0, 4) -> [-4, 4) in bins of 2: bins 2 and 3 become bin 3, bins 0 and 1 become bin 2.
-    assert grow(Range(0.0, 1.0, 4), -0.5) == (Range(-4.0, 2.0, 4), [2, 2, 3, 3])
+@pytest.mark.parametrize("bins", [1, 2, 3, 10, 31, 1000])
+def test_edges_are_even_in_asinh_between_the_ends(bins):
+    edges = unit_edges(bins)
+    top = math.asinh(1000.0)
+    expected = [math.sinh(top * (2 * index - bins) / bins) for index in range(1, bins)]
+    assert edges == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert [-edge for edge in reversed(edges)] == list(edges)
 
 
-@given(st.lists(FLOATS, min_size=1, max_size=30), st.integers(2, 40))
+@pytest.mark.parametrize("discretiser", ["grid", "sum"])
+@pytest.mark.parametrize("variables", [1, 2, 3])
+@pytest.mark.parametrize("epoch", [0, 1])
+def test_one_value_a_thousand_times_too_large_costs_a_tenth_of_the_resolution_at_most(discretiser, variables, epoch):
+    """Resolution: cells that the 95 % of states nearest to the median lie in, after two epochs."""
+    epochs = [normal(32, 128, variables, seed=seed) + 3.0 for seed in (1, 2)]
+    ordinary = torch.cat(epochs).reshape(1, -1, variables)
+    near = (ordinary - 3.0).abs().amax(dim=-1) < 1.96
+
+    def resolution(spoiled):
+        space = ProgressSpace([True] * variables, 1000, discretiser)
+        for index, values in enumerate(epochs):
+            values = values.clone()
+            if spoiled and index == epoch:
+                values[7, 5] *= 1000.0
+            space.locate(values)
+        return len(set(space.locate(ordinary)[near].tolist()))
+
+    clean = resolution(False)
+    assert clean >= {1: 200, 2: 50, 3: 20}[variables] or discretiser == "sum"
+    assert resolution(True) >= 0.9 * clean
+
+
+def test_half_of_the_values_could_lie_before_bins_follow_an_outlier():
+    values = normal(4096).double()
+    centre, unit = centre_and_unit(values)
+    # four percent of them a million times too large move the quantile, but not by their size
+    spoiled = values.clone()
+    spoiled[:: 25] *= 1e6
+    other_centre, other_unit = centre_and_unit(spoiled)
+    assert abs(other_centre - centre) < 0.1
+    assert unit <= other_unit < 2.0 * unit
+
+
+@given(st.lists(st.tuples(ANY_FLOATS, ANY_FLOATS), min_size=1, max_size=30), st.sampled_from(["grid", "sum"]))
 @settings(deadline=None, max_examples=200)
-def test_merged_counts_are_the_counts_that_the_last_range_would_have_given(values, bins):
-    counts = VisitCounts([True], bins, 1.0)
-    for value in values:
-        counts.bonus(torch.tensor([[value]]))
-    [last] = counts.space.ranges
-    expected = torch.bincount(last.index(torch.tensor(values, dtype=torch.float64)), minlength=bins)
-    assert counts.counts.tolist() == expected.tolist()
+def test_every_finite_state_has_a_cell_and_no_other_one_has(rows, discretiser):
+    space = ProgressSpace([True, False], 60, discretiser)
+    cells = space.locate(torch.tensor([rows]))[0].tolist()
+    for row, cell in zip(rows, cells, strict=True):
+        assert (0 <= cell < space.cells) if all(map(math.isfinite, row)) else cell == -1
+    assert space.is_fitted == any(cell >= 0 for cell in cells)
 
 
-@given(FLOATS, st.floats(0, 1e3, width=32), st.integers(2, 100))
-@settings(deadline=None)
-def test_a_first_range_covers_its_values(low, spread, bins):
-    covered = first_range(low, low + spread, bins)
-    assert covered.low <= low
-    assert low + spread < covered.high
-
-
-def test_the_bonus_is_lambda_over_the_root_of_the_visits_after_counting():
-    visits = VisitCounts([True], 10, 0.01)
-    # Three environments in one cell, one alone: 0.01 / sqrt(3) and 0.01 / sqrt(1).
-    bonus = visits.bonus(torch.tensor([[0.0], [0.0], [0.0], [9.0]]))
-    torch.testing.assert_close(bonus, torch.tensor([0.01 / 3**0.5] * 3 + [0.01]))
-    bonus = visits.bonus(torch.tensor([[0.0]]))
-    torch.testing.assert_close(bonus, torch.tensor([0.01 / 4**0.5]))
+@given(st.lists(FLOATS, min_size=1, max_size=40), st.integers(1, 60))
+@settings(deadline=None, max_examples=200)
+def test_a_larger_value_has_no_lower_bin_and_cells_never_change(values, bins):
+    space = ProgressSpace([True], bins, "grid")
+    rising = torch.tensor(sorted(values)).reshape(1, -1, 1)
+    first = space.locate(rising)
+    assert first[0].tolist() == sorted(first[0].tolist())
+    space.locate(1e6 * rising)
+    assert torch.equal(space.locate(rising), first)
 
 
 def test_a_falling_variable_is_turned_round():
-    rising, falling = VisitCounts([True], 8, 1.0), VisitCounts([False], 8, 1.0)
-    values = torch.tensor([[0.0], [1.0], [7.0]])
-    rising.bonus(values)
-    falling.bonus(-values)
-    assert rising.counts.tolist() == falling.counts.tolist()
+    rising, falling = (ProgressSpace([up], 8, "grid") for up in (True, False))
+    values = normal(4, 5, 1)
+    assert torch.equal(rising.locate(values), falling.locate(-values))
 
 
-def test_what_is_not_finite_is_not_counted_and_earns_nothing():
-    visits = VisitCounts([True, True], 100, 0.01)
-    bonus = visits.bonus(torch.tensor([[0.0, 1.0], [float("nan"), 1.0], [0.0, float("inf")]]))
-    assert bonus.tolist()[1:] == [0.0, 0.0]
-    assert int(visits.counts.sum()) == 1
-    assert visits.bonus(torch.full((2, 2), float("nan"))).tolist() == [0.0, 0.0]
+@given(
+    st.lists(st.lists(st.integers(-1, 6), min_size=3, max_size=3), min_size=1, max_size=12),
+    st.booleans(),
+    st.integers(0, 2**31 - 1),
+)
+@settings(deadline=None, max_examples=200)
+def test_counts_are_those_of_a_dictionary(steps, each_episode, seed):
+    """The same rules in plain Python: after each step of all environments, N, and the mean over the visited cells."""
+    cells = torch.tensor(steps)
+    ends = torch.rand(cells.shape, generator=torch.Generator().manual_seed(seed)) < 0.3
+    counts = Counts(7, 3, each_episode)
+    cut = len(steps) // 2
+    found = [counts.count(cells[:cut], ends[:cut]), counts.count(cells[cut:], ends[cut:])]
+    own = torch.cat([visits.own for visits in found]).tolist()
+    mean = torch.cat([visits.mean for visits in found])
+    books = [{}, {}, {}] if each_episode else [{}] * 3
+    ever = set()
+    for step, row in enumerate(steps):
+        for book, cell in zip(books, row, strict=True):
+            if cell >= 0:
+                book[cell] = book.get(cell, 0) + 1
+                ever.add(cell)
+        for env, (book, cell) in enumerate(zip(books, row, strict=True)):
+            assert own[step][env] == (book[cell] if cell >= 0 else 0)
+            assert mean[step][env].item() == pytest.approx(sum(book.values()) / max(1, len(book)))
+        if each_episode:
+            for env in ends[step].nonzero().flatten().tolist():
+                books[env] = {}
+    assert sum(visits.new_cells for visits in found) == len(ever)
+    assert counts.share_visited == len(ever) / 7
 
 
-def test_counts_continue_from_a_state():
-    steps = [torch.randn(16, 2, generator=torch.Generator().manual_seed(i)) * (1 + i) for i in range(6)]
-    whole, first = VisitCounts([True, False], 100, 0.01), VisitCounts([True, False], 100, 0.01)
-    expected = [whole.bonus(step) for step in steps]
-    for step in steps[:3]:
-        first.bonus(step)
-    second = VisitCounts([True, False], 100, 0.01)
-    second.load_state(first.state())
-    assert [second.bonus(step).tolist() for step in steps[3:]] == [bonus.tolist() for bonus in expected[3:]]
+@pytest.mark.parametrize("each_episode", [False, True])
+@pytest.mark.parametrize("cut", [0, 1, 4, 9])
+def test_counts_and_bins_continue_from_a_state(each_episode, cut):
+    progress = [normal(6, 4, 2, seed=seed) * (1 + seed) for seed in range(9)]
+    ends = [torch.rand(6, 4, generator=torch.Generator().manual_seed(seed)) < 0.1 for seed in range(9)]
+
+    def made():
+        space = ProgressSpace([True, False], 50, "grid")
+        return space, Counts(space.cells, 4, each_episode)
+
+    def paid(space, counts, epochs):
+        visits = [counts.count(space.locate(progress[epoch]), ends[epoch]) for epoch in epochs]
+        return [(literal(v).tolist(), relative(v).tolist(), v.new_cells) for v in visits]
+
+    whole, first, second = made(), made(), made()
+    expected = paid(*whole, range(9))
+    assert paid(*first, range(cut)) == expected[:cut]
+    for old, new in zip(first, second, strict=True):
+        new.load_state(old.state())
+    assert paid(*second, range(cut, 9)) == expected[cut:]
+    for old, new in zip(whole, second, strict=True):
+        for name, value in old.state().items():
+            assert torch.equal(new.state()[name], value)
 
 
-def test_an_untouched_counter_has_a_state_too():
-    fresh = VisitCounts([True], 100, 0.01)
-    fresh.load_state(VisitCounts([True], 100, 0.01).state())
-    assert int(fresh.counts.sum()) == 0
-    fresh.bonus(torch.tensor([[1.0]]))
-    assert int(fresh.counts.sum()) == 1
+def test_states_of_other_shapes_are_refused():
+    with pytest.raises(ValueError, match="of 1 progress variables, not of 2"):
+        ProgressSpace([True] * 2, 9, "grid").load_state(ProgressSpace([True], 9, "grid").state())
+    with pytest.raises(ValueError, match=r"\(3, 7\) numbers, not \(7,\)"):
+        Counts(7, 3, False).load_state(Counts(7, 3, True).state())
+
+
+def test_the_cost_of_a_count_does_not_grow_with_the_steps_taken():
+    counts = Counts(50, 4, False)
+    sizes = set()
+    for seed in range(20):
+        cells = torch.randint(0, 50, (5, 4), generator=torch.Generator().manual_seed(seed))
+        counts.count(cells, no_ends(cells))
+        sizes.add(tuple(value.numel() for value in counts.state().values()))
+    assert sizes == {(50, 50)}
+    assert int(counts.table.sum()) == 400

@@ -1,59 +1,110 @@
-"""What counts over progress variables have in common: bins that grow with the values, and the bonus for what is rare."""
+"""Visit counts over cells: exact, one step of all environments after the other, at a cost that never grows."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
-from porse.exploration.bins import Growth, ProgressBins
-from porse.exploration.bonus import pay_finite, rarity
 
+@dataclass(frozen=True)
+class Visits:
+    """What one epoch's states were worth when they were visited.
 
-class ProgressCounts(ABC):
-    """Counts the visits of one candidate's states by the bins of their progress variables, and pays the bonus.
-
-    Args:
-        rises: for each progress variable, whether it rises as the task is done; a falling one is turned round.
-        bins: bins of each variable.
-        scale: lambda of eq. 3, the bonus of a first visit.
-
-    Raises:
-        ValueError: the joint cells are too many for an int64.
+    Attributes:
+        own: (steps, num_envs) int64, visits of the state's cell, those of its own step included; 0: not counted.
+        mean: (steps, num_envs) float64, mean visits of the cells visited until then, its own step included; 0 where
+            none was.
+        new_cells: cells that were never visited before this epoch.
     """
 
-    def __init__(self, rises: Sequence[bool], bins: int, scale: float) -> None:
-        self.space = ProgressBins(rises, bins)
-        self._scale = scale
+    own: Tensor
+    mean: Tensor
+    new_cells: int
 
-    def bonus(self, progress: Tensor) -> Tensor:
-        """Counts one step of all environments and returns their bonus.
+
+class Counts:
+    """Counts visits of cells: for all environments together, or for each one's running episode.
+
+    Args:
+        cells: how many there are.
+        num_envs: number of environments.
+        each_episode: whether every environment counts for itself, and anew in every episode.
+
+    Attributes:
+        table: visits by cell, (cells,) int64; (num_envs, cells) where each episode counts.
+    """
+
+    def __init__(self, cells: int, num_envs: int, each_episode: bool) -> None:
+        self._cells, self._each_episode = cells, each_episode
+        self._counters = torch.arange(num_envs) if each_episode else torch.zeros(num_envs, dtype=torch.int64)
+        self.table = torch.zeros((num_envs, cells) if each_episode else (cells,), dtype=torch.int64)
+        self.forget()
+
+    def forget(self) -> None:
+        """Makes every cell one that was never visited."""
+        self.table.zero_()
+        self._visited = torch.zeros(self._cells, dtype=torch.bool)
+        self._sum_up()
+
+    @property
+    def share_visited(self) -> float:
+        """The share of the cells that were ever visited, 0 to 1."""
+        return int(self._visited.sum()) / self._cells
+
+    def count(self, cells: Tensor, ends: Tensor) -> Visits:
+        """Counts one epoch, step by step.
 
         Args:
-            progress: (num_envs, variables), the progress variables after the step. An environment with a value that is
-                not finite is not counted.
-
-        Returns:
-            (num_envs,) float32, in (0, lambda]; 0 where a value is not finite.
+            cells: (steps, num_envs) int64, the cells of the states after each step; -1: not to be counted.
+            ends: (steps, num_envs) bool, whether the episode ended in this state.
         """
-        return pay_finite(self.space.turn(progress), self._pay)
+        flat = self.table.view(-1)
+        counted = cells >= 0
+        places = self._counters * self._cells + cells.clamp_min(0)
+        own, mean = torch.zeros_like(cells), torch.zeros(cells.shape, dtype=torch.float64)
+        for step, (place, weight) in enumerate(zip(places, counted.long(), strict=True)):
+            first = (flat[place] == 0) & counted[step]
+            flat.index_add_(0, place, weight)
+            own[step] = flat[place]
+            self._count_new(first, own[step])
+            self._total.index_add_(0, self._counters, weight)
+            mean[step] = (self._total / self._distinct.clamp_min(1.0))[self._counters]
+            if self._each_episode:
+                self._end(ends[step])
+        before = int(self._visited.sum())
+        self._visited[cells[counted]] = True
+        return Visits(torch.where(counted, own, 0), mean, int(self._visited.sum()) - before)
 
-    def _pay(self, turned: Tensor) -> Tensor:
-        for growth in self.space.include(turned):
-            self._merge(growth)
-        return rarity(self._count(self.space.indices(turned)), self._scale)
+    def _count_new(self, first: Tensor, own: Tensor) -> None:
+        """Adds to the distinct cells those that are visited for the first time, by several environments perhaps."""
+        # Of n environments that meet in a new cell, which now has n visits, each brings an n-th of it.
+        parts = torch.where(first, own.double().reciprocal(), 0.0)
+        self._distinct += torch.zeros_like(self._distinct).index_add_(0, self._counters, parts).round()
 
-    @abstractmethod
-    def _merge(self, growth: Growth) -> None:
-        """Keeps the counts right after a variable's range has grown."""
+    def _end(self, ended: Tensor) -> None:
+        """Forgets the visits of episodes that have ended."""
+        self.table[ended] = 0
+        self._total[ended] = 0
+        self._distinct[ended] = 0.0
 
-    @abstractmethod
-    def _count(self, indices: Tensor) -> Tensor:
-        """Counts the states with these bins, (n, variables) int64, and returns each one's visits, this one included."""
+    def _sum_up(self) -> None:
+        """Counts visits and visited cells of each counter from the table."""
+        table = self.table.view(-1, self._cells)
+        self._total = table.sum(dim=1)
+        self._distinct = (table > 0).sum(dim=1).double()
 
-    @abstractmethod
     def state(self) -> dict[str, Tensor]:
         """Returns all that a continuation needs."""
+        return {"counts": self.table.clone(), "visited": self._visited.clone()}
 
-    @abstractmethod
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Goes on from `state()` of another object with the same variables."""
+        """Goes on from `state()` of another object made with the same arguments.
+
+        Raises:
+            ValueError: it is of other cells or environments.
+        """
+        if state["counts"].shape != self.table.shape or state["visited"].shape != self._visited.shape:
+            raise ValueError(f"its counts are {tuple(state['counts'].shape)} numbers, not {tuple(self.table.shape)}")
+        self.table, self._visited = state["counts"].clone(), state["visited"].clone()
+        self._sum_up()

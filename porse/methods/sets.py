@@ -79,6 +79,8 @@ ABLATIONS: dict[str, Set] = {
     "without-goal-reward": {"candidate": {"goal": "sparse"}},
     # Table 1: no exploration bonus, so there is no beta to mutate.
     "without-bonus": {"candidate": {"bonus": "none", "beta": 0.0}, "mutate": {"vary": ["alpha"]}},
+    # The bonus as eq. 3 has it to the letter: an absolute lambda, beside a goal reward in whatever units it has.
+    "literal-bonus": {"exploration": {"form": "literal", "lambda": 0.01}, "train": {"scaling": "none"}},
     # Table 1: every iteration starts from a random policy, so there is no alpha to mutate.
     "without-fusion": {"fuse": {"policy": "random"}, "mutate": {"vary": ["beta"]}},
     # Tables 1 and 2: beta stays at its default.

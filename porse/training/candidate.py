@@ -5,17 +5,19 @@ from collections.abc import Callable
 
 from porse.config import Params
 from porse.errors import PorseError
-from porse.exploration import SimHashCounts, SumCounts, VisitCounts
+from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
 from porse.functions.run.execute import load_mapping, load_reward
 from porse.functions.verdict import CodeError
 from porse.identity import seed_for
+from porse.search.lengths import rung_epochs
 from porse.tasks import make_task
 from porse.tasks.base import Task
-from porse.training.bonus import Bonus, MappingBonus, NoBonus, SimHashBonus
+from porse.training.bonus import Bonus, Ledger, MappingBonus, NoBonus, Price, SimHashBonus
 from porse.training.goal import Goal, generated, human, sparse
 from porse.training.job import Job, Outcome
 from porse.training.reason import lacks_memory, plain, reason_of
 from porse.training.reward import CandidateFailed, Reward
+from porse.training.scale import NoScale, ReturnScale, Scale
 from porse.training.trainer import Trainer
 
 
@@ -49,7 +51,10 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
 
 def _trained(job: Job, params: Params, report: Callable[[int, float], None], before: Callable[[int], None]) -> Outcome:
     task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
-    reward = Reward(_goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale)
+    goal_size, total_size = _scale(params), _scale(params)
+    reward = Reward(
+        _goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale, goal_size, total_size
+    )
     trainer = Trainer(task, reward, params.train, job.seed)
     trainer.load(job.start)
     rows = trainer.train(job.until, report, before)
@@ -63,14 +68,36 @@ def _goal(job: Job, params: Params) -> Goal:
     return human if params.candidate.goal == "human" else sparse
 
 
+def _scale(params: Params) -> Scale:
+    if params.train.scaling == "none":
+        return NoScale()
+    return ReturnScale(params.train.gamma, params.train.num_envs)
+
+
 def _bonus(job: Job, task: Task, params: Params) -> Bonus:
     exploration = params.exploration
     if params.candidate.bonus == "none":
         return NoBonus()
     if params.candidate.bonus == "simhash":
-        seed = seed_for(job.seed, "simhash")
-        counts = SimHashCounts(task.NUM_OBSERVATIONS, exploration.simhash_bits, exploration.lambda_, seed)
-        return SimHashBonus(counts)
+        hashes = SimHash(task.NUM_OBSERVATIONS, exploration.simhash_bits, seed_for(job.seed, "simhash"))
+        return SimHashBonus(hashes, _ledger(hashes.cells, params))
     mapping = load_mapping(job.mapping_program, params.numerics == "portable")
-    visits = SumCounts if exploration.discretiser == "sum" else VisitCounts
-    return MappingBonus(mapping, visits(mapping.rises, exploration.cells, exploration.lambda_))
+    space = ProgressSpace(mapping.rises, exploration.cells, exploration.discretiser)
+    return MappingBonus(mapping, space, _ledger(space.cells, params))
+
+
+def _ledger(cells: int, params: Params) -> Ledger:
+    lifetime = params.exploration.lifetime
+    counts = Counts(cells, params.train.num_envs, lifetime == "episode")
+    return Ledger(counts, _price(params), rung_epochs(params) if lifetime == "rung" else 0)
+
+
+def _price(params: Params) -> Price:
+    """Returns what a visit pays: lambda deviations of the goal's return, about, or lambda alone as in eq. 3."""
+    form, factor, gamma = params.exploration.form, params.exploration.lambda_, params.train.gamma
+    if form == "relative":
+        # Who is paid 1 - gamma in every step has a return of 1.
+        return Price(relative, NoScale(), factor * (1.0 - gamma))
+    if form == "calibrated":
+        return Price(literal, ReturnScale(gamma, params.train.num_envs), factor)
+    return Price(literal, NoScale(), factor)

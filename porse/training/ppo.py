@@ -1,4 +1,4 @@
-"""rsl_rl's PPO, built from the parameters, with the two changes that bit-identity needs.
+"""rsl_rl's PPO, built from the parameters, with clipped observations and the two changes that bit-identity needs.
 
 Adam is the fused one, and the running deviation of the observations is taken by `rsqrt`: PyTorch's square root, which the
 unfused Adam and rsl_rl's normaliser use, goes through MKL's vector maths and differs between CPU vendors.
@@ -19,11 +19,25 @@ from porse.config import TrainParams
 _GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
-class PortableNormalization(EmpiricalNormalization):
-    """rsl_rl's running normalisation with a square root that is the same on every CPU."""
+class ClippedNormalization(EmpiricalNormalization):
+    """rsl_rl's running normalisation, clipped, and with a square root that is the same on every CPU.
 
+    Args:
+        width: numbers in an observation.
+        clip: normalised values are cut off at this size.
+    """
+
+    _mean: Tensor
     _var: Tensor
     _std: Tensor
+
+    def __init__(self, width: int, clip: float) -> None:
+        super().__init__(width)
+        self.clip = clip
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Returns observations (samples, observations) in deviations from their mean, clipped."""
+        return torch.clamp((x - self._mean) / (self._std + self.eps), -self.clip, self.clip)
 
     @torch.jit.unused
     def update(self, x: Tensor) -> None:
@@ -74,5 +88,5 @@ def _network(
         distribution_cfg=distribution,
     )
     if params.normalise_observations:
-        network.obs_normalizer = PortableNormalization(network.obs_dim)
+        network.obs_normalizer = ClippedNormalization(network.obs_dim, params.observation_clip)
     return network

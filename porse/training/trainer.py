@@ -63,7 +63,7 @@ class Trainer:
 
     def __init__(self, task: Task, reward: Reward, params: TrainParams, seed: int) -> None:
         self._params = params
-        self._env = TaskEnv(task, reward, params.reward_scale)
+        self._env = TaskEnv(task, reward)
         torch.use_deterministic_algorithms(True)
         torch.manual_seed(seed_for(seed, "ppo"))
         self.epoch = 0
@@ -121,6 +121,7 @@ class Trainer:
                     actions = self._ppo.act(observations)
                     observations, rewards, ends, extras = self._env.step(actions)
                     self._ppo.process_env_step(observations, rewards, ends, extras)
+                paid = self._pay()
                 self._ppo.compute_returns(observations)
             # An update with numbers that are not finite would raise somewhere in PPO, or spoil the weights.
             finite("its returns were", self._ppo.storage.returns)
@@ -130,7 +131,17 @@ class Trainer:
             self.epoch += 1
             fitness = self._env.task.fitness()
             finite("its fitness was", torch.tensor(fitness))
-            series = {"fitness": fitness, **self._env.means.take()}
+            series = {"fitness": fitness, **paid, **self._env.means.take()}
             rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]
             progress(self.epoch, fitness)
         return rows
+
+    def _pay(self) -> dict[str, float]:
+        """Pays for the epoch that was just rolled out, and returns the series about it.
+
+        rsl_rl has the value of the last state where an episode met the time limit in its storage already, and zero elsewhere.
+        """
+        storage = self._ppo.storage
+        payment = self._env.reward.pay(self.epoch + 1, storage.dones.squeeze(-1).bool())
+        storage.rewards += payment.total.unsqueeze(-1)
+        return payment.series

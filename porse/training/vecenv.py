@@ -1,8 +1,9 @@
 """One task, one reward: the vector environment that rsl_rl trains on.
 
-Order of a step: the action moves the task, the reward is paid for the state that it led to, environments that ended are
+Order of a step: the action moves the task, the reward sees the state that it led to, environments that ended are
 reset, and the observations of the states after the reset are returned (rsl_rl's same-step reset). `time_outs` marks
-ends by the time limit alone, where PPO goes on with the value of the last state.
+ends by the time limit alone, where PPO goes on with the value of the last state. A step pays nothing: the reward is paid
+for a whole epoch at its end.
 """
 
 from typing import Any
@@ -26,12 +27,11 @@ class TaskEnv(VecEnv):
 
     Attributes:
         task: the task that is trained on.
-        reward: what pays.
-        means: the series of the running epoch, in the reward's own scale.
+        reward: what pays at the end of an epoch.
+        means: the series of the running epoch that the reward does not know.
     """
 
-    def __init__(self, task: Task, reward: Reward, reward_scale: float) -> None:
-        self._reward_scale = reward_scale
+    def __init__(self, task: Task, reward: Reward) -> None:
         self.task, self.reward, self.means = task, reward, EpochMeans()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
@@ -52,17 +52,17 @@ class TaskEnv(VecEnv):
         """Moves all environments by one control step.
 
         Returns:
-            Observations after resets, scaled rewards (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
+            Observations after resets, no reward yet, zeros (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
 
         Raises:
             CandidateFailed: the reward's functions failed.
         """
         self.task.step(actions)
-        payment = self.reward.pay(self.task)
+        self.reward.see(self.task)
         terminated, timed_out = self.task.terminated(), self.task.timed_out()
-        self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
+        self.means.add({"terminated": terminated})
         ends = terminated | timed_out
         if bool(ends.any()):
             self.task.reset(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
-        return self.get_observations(), self._reward_scale * payment.total.float(), ends, extras
+        return self.get_observations(), torch.zeros(self.num_envs), ends, extras
