@@ -43,3 +43,27 @@ def status(file: Path, as_json: bool) -> None:
     else:
         click.echo(status_text(entries))
         click.echo(f"\nlogs and results: {folders_of(loaded.name, Path()).suite}")
+
+
+@suite.command()
+@FILE
+@click.option("--baseline", required=True, help="The variant that the others are compared with.")
+@click.option(
+    "--figure",
+    "names",
+    multiple=True,
+    default=("score",),
+    show_default=True,
+    help="A number of metrics.json or a series of the curves; may be given several times.",
+)
+@click.option("--csv", "target", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | None) -> None:
+    """Print the variants of FILE's suite against one of them, seed by seed, with 95 % bootstrap intervals."""
+    # Imported here: SciPy takes a second to import.
+    from porse.suite.compare import Figure, compared, compared_text, write_csv
+
+    loaded = load_suite(file)
+    rows = compared(loaded, folders_of(loaded.name, Path.cwd()), baseline, [Figure(name) for name in names])
+    if target is not None:
+        write_csv(rows, target)
+    click.echo(compared_text(rows))

@@ -142,14 +142,14 @@ def _mean_and_std(values: Sequence[float]) -> dict[str, float | None]:
 def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
     """Returns the rows and their summary as two tables for people, with the reasons of failures between them."""
     titles = ("entry", "state", "MTS", "HNS", "evaluation", "epochs", "valid")
-    parts = [_aligned([titles, *(_cells(row) for row in entries)])]
+    parts = [aligned([titles, *(_cells(row) for row in entries)])]
     reasons = [f"{row['entry']} failed: {row['reason']}" for row in entries if row["reason"] is not None]
     if reasons:
         parts.append("\n".join(reasons))
     groups = summary(entries)
     if groups:
         named = [name for name in _NAMES if name != "variant" or any(row["variant"] for row in groups)]
-        parts.append(_aligned([(*named, "seeds", "MTS"), *(_group_cells(row, named) for row in groups)]))
+        parts.append(aligned([(*named, "seeds", "MTS"), *(_group_cells(row, named) for row in groups)]))
     return "\n\n".join(parts)
 
 
@@ -178,7 +178,8 @@ def _spread(mean: float | None, std: float | None) -> str:
     return f"{mean:.3f}" if std is None else f"{mean:.3f} +- {std:.3f}"
 
 
-def _aligned(lines: Sequence[Sequence[str]]) -> str:
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """Returns lines of cells as a table whose columns line up."""
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines

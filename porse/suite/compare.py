@@ -1,0 +1,149 @@
+"""Variants of a suite against one of them, seed by seed: mean differences with bootstrap intervals."""
+
+import csv
+import json
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import bootstrap
+
+from porse import tables
+from porse.errors import PorseError
+from porse.suite.folders import Folders
+from porse.suite.plan import Entry, Suite
+from porse.suite.status import aligned
+
+COLUMNS = (
+    "task", "method", "ablation", "variant", "figure", "seeds", "mean", "deviation", "difference", "low", "high",
+)  # fmt: skip
+"""`difference` is the mean over seeds of the variant's figure less the baseline's, `low` and `high` its 95 % interval."""
+
+_RESAMPLES = 10_000
+_LAST_EPOCHS = 10
+"""A series of the curves counts by its mean over so many last epochs."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a run.
+
+    Attributes:
+        name: a dotted name in `metrics.json`, as `score` or `final_success.mean`, or a series of the curves, as
+            `progress/opening`, of the candidate that was trained longest.
+    """
+
+    name: str
+
+    def of(self, result: Path) -> float:
+        """Returns the figure of the run whose results are in the folder `result`.
+
+        Raises:
+            PorseError: the run has no such figure.
+        """
+        value = json.loads((result / "metrics.json").read_text(encoding="utf-8"))
+        for key in self.name.split("."):
+            value = value.get(key) if isinstance(value, Mapping) else None
+        if isinstance(value, int | float):
+            return float(value)
+        rows = tables.read(result / "results" / "curves.parquet", tables.CURVES)
+        series = sorted((row["epoch"], row["value"]) for row in rows if row["series"] == self.name)
+        if not series:
+            names = ", ".join(sorted({row["series"] for row in rows}))
+            raise PorseError(
+                f"expected {self.name} to be a number in metrics.json or a series of the curves in {result}, found "
+                f"neither; its series are {names}"
+            )
+        last = [value for _, value in series[-_LAST_EPOCHS:]]
+        return math.fsum(last) / len(last)
+
+
+def compared(suite: Suite, folders: Folders, baseline: str, figures: Sequence[Figure]) -> list[dict[str, object]]:
+    """Returns a row of `COLUMNS` for each figure of each group of entries that differ by their seed alone.
+
+    Args:
+        suite: the suite.
+        folders: where its results are; entries that are not done are left out.
+        baseline: the variant that others are compared with, where both are done.
+        figures: what is compared.
+
+    Raises:
+        PorseError: no variant has the baseline's name, or a run has no such figure.
+    """
+    if baseline not in {entry.variant for entry in suite.entries}:
+        found = ", ".join(sorted({entry.variant for entry in suite.entries}))
+        raise PorseError(f"expected a variant of the suite {suite.name}, found {baseline!r}; it has {found}")
+    groups: dict[tuple[str, str, str, str], list[Entry]] = {}
+    for entry in suite.entries:
+        if (folders.result(entry.name) / "done.json").exists():
+            groups.setdefault((entry.task, entry.method, entry.ablation, entry.variant), []).append(entry)
+    rows = []
+    for group, entries in groups.items():
+        others = {entry.seed: entry for entry in groups.get((*group[:3], baseline), [])}
+        for figure in figures:
+            values = {entry.seed: figure.of(folders.result(entry.name)) for entry in entries}
+            base = {seed: figure.of(folders.result(others[seed].name)) for seed in values if seed in others}
+            differences = [values[seed] - base[seed] for seed in sorted(base)]
+            rows.append(
+                dict(zip(COLUMNS[:4], group, strict=True))
+                | {"figure": figure.name, "seeds": len(values), **spread(list(values.values()))}
+                | paired(differences)
+            )
+    return rows
+
+
+def spread(values: Sequence[float]) -> dict[str, float | None]:
+    """Returns mean and deviation of a sample (n - 1), None for fewer than two values."""
+    mean = math.fsum(values) / len(values)
+    squares = math.fsum((value - mean) ** 2 for value in values)
+    return {"mean": mean, "deviation": math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None}
+
+
+def paired(differences: Sequence[float]) -> dict[str, float | None]:
+    """Returns the mean of paired differences and its 95 % interval (BCa bootstrap, SciPy).
+
+    The interval is None for fewer than two pairs; it is the mean itself where all differences are equal.
+    """
+    if not differences:
+        return {"difference": None, "low": None, "high": None}
+    mean = math.fsum(differences) / len(differences)
+    if len(differences) < 2:
+        return {"difference": mean, "low": None, "high": None}
+    if min(differences) == max(differences):
+        return {"difference": mean, "low": mean, "high": mean}
+    with warnings.catch_warnings():
+        # With few pairs the acceleration may be undefined; the interval is then NaN, and the percentile one stands in.
+        warnings.simplefilter("ignore")
+        interval = _interval(differences, "BCa")
+        if not all(map(math.isfinite, interval)):
+            interval = _interval(differences, "percentile")
+    return {"difference": mean, "low": interval[0], "high": interval[1]}
+
+
+def _interval(values: Sequence[float], method: str) -> tuple[float, float]:
+    generator = np.random.default_rng(0)
+    found = bootstrap((np.array(values),), np.mean, n_resamples=_RESAMPLES, method=method, rng=generator)
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def write_csv(rows: Iterable[Mapping[str, object]], path: Path) -> None:
+    """Writes rows of `compared` to a CSV file, numbers with four digits."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: _cell(row[name]) for name in COLUMNS})
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def compared_text(rows: Iterable[Mapping[str, object]]) -> str:
+    """Returns rows of `compared` as a table for people."""
+    return aligned([COLUMNS, *(tuple(_cell(row[name]) or "-" for name in COLUMNS) for row in rows)])

@@ -1,0 +1,100 @@
+"""Variants of a suite against one of them: paired differences by hand, and their intervals."""
+
+import csv
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from porse import tables
+from porse.cli import main
+from porse.errors import PorseError
+from porse.suite.compare import Figure, paired, spread
+from porse.suite.folders import folders_of, write_json
+
+SUITE = """
+name: sizes
+tasks: [Quadcopter]
+methods: [porse]
+variants: {none: {}, some: {exploration: {lambda: 0.5}}}
+seeds: [3, 4, 8]
+"""
+SCORES = {"none-3": 0.25, "none-4": 0.5, "some-3": 0.75, "some-4": 0.75, "some-8": 0.875}
+"""Seed 8 of the baseline is not done."""
+
+
+@pytest.fixture
+def sizes(tmp_path, monkeypatch):
+    (tmp_path / "sizes.yaml").write_text(SUITE)
+    for name, score in SCORES.items():
+        result = folders_of("sizes", tmp_path).result(f"Quadcopter-porse-{name}")
+        write_json(result / "metrics.json", {"score": score, "final_success": {"mean": 2.0 * score}})
+        write_json(result / "done.json", {})
+        # Twelve epochs, of which the last ten count: 3, 4, ..., 12.
+        rows = [
+            {
+                "iteration": 1,
+                "rung": "1",
+                "candidate_id": "a1",
+                "series": "progress/way",
+                "epoch": epoch,
+                "value": epoch * score,
+            }
+            for epoch in range(1, 13)
+        ]
+        (result / "results").mkdir()
+        tables.write(result / "results" / "curves.parquet", tables.CURVES, rows)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def compare(*arguments: str):
+    return CliRunner().invoke(main, ["suite", "compare", "sizes.yaml", *arguments])
+
+
+def test_a_variant_is_compared_with_the_baseline_seed_by_seed(sizes):
+    done = compare("--baseline", "none", "--csv", "out.csv", "--figure", "score", "--figure", "progress/way")
+    assert done.exit_code == 0, done.output
+    rows = list(csv.DictReader((sizes / "out.csv").read_text().splitlines()))
+    score = next(row for row in rows if (row["variant"], row["figure"]) == ("some", "score"))
+    # Seeds 3 and 4: 0.75 - 0.25 and 0.75 - 0.5, mean 0.375. The mean of the variant is over its three seeds: 2.375 / 3.
+    assert (score["seeds"], score["mean"], score["difference"]) == ("3", "0.7917", "0.375")
+    assert 0.25 <= float(score["low"]) < 0.375 < float(score["high"]) <= 0.5
+    way = next(row for row in rows if (row["variant"], row["figure"]) == ("none", "progress/way"))
+    # The mean of 3 ... 12 is 7.5: (7.5 x 0.25 + 7.5 x 0.5) / 2; the baseline differs from itself by nothing.
+    assert (way["mean"], way["difference"], way["low"], way["high"]) == ("2.812", "0", "0", "0")
+    assert "Quadcopter  porse   none      some     score" in done.output
+
+
+def test_nested_figures_of_the_metrics_are_found(sizes):
+    assert Figure("final_success.mean").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8")) == 1.75
+
+
+def test_an_unknown_baseline_or_figure_is_named(sizes):
+    assert "expected a variant of the suite sizes, found 'non'; it has none, some" in str(
+        compare("--baseline", "non").output
+    )
+    with pytest.raises(PorseError, match=r"expected scores to be a number .* its series are progress/way"):
+        Figure("scores").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8"))
+
+
+def test_the_interval_of_paired_differences_covers_their_mean_and_is_the_same_every_time():
+    found = paired([0.1, 0.4, 0.2, 0.25, 0.3])
+    assert found["difference"] == pytest.approx(0.25)
+    assert 0.1 < found["low"] < 0.25 < found["high"] < 0.4
+    assert found == paired([0.1, 0.4, 0.2, 0.25, 0.3])
+
+
+def test_few_pairs_have_no_interval_and_equal_ones_one_point():
+    assert paired([]) == {"difference": None, "low": None, "high": None}
+    assert paired([0.5]) == {"difference": 0.5, "low": None, "high": None}
+    assert paired([0.5, 0.5]) == {"difference": 0.5, "low": 0.5, "high": 0.5}
+    # The squares of -0.5, -0.25 and 0.75 about 1.25 are 0.875, of which n - 1 is 2.
+    assert spread([0.75, 1.0, 2.0]) == {"mean": 1.25, "deviation": pytest.approx(0.4375**0.5)}
+
+
+def test_figures_of_json_are_numbers_and_not_texts(sizes):
+    result = folders_of("sizes", sizes).result("Quadcopter-porse-some-8")
+    (result / "metrics.json").write_text(json.dumps({"score": "0.5"}))
+    with pytest.raises(PorseError, match="expected score to be a number"):
+        Figure("score").of(result)
