@@ -110,6 +110,21 @@ def test_an_absurd_value_is_refused_before_anything_is_computed(document, name, 
     assert len(str(caught.value)) < 500
 
 
+def test_counts_of_each_environment_must_fit_into_a_checkpoint(document):
+    # 2^24 counts: 16 384 environments x 1 024 cells, or 2^16 hashes of 256 environments
+    document = changed(changed(document, "exploration.lifetime", "episode"), "train.num_envs", 2**14)
+    parse_params(changed(document, "exploration.cells", 1024), "params.yaml")
+    with pytest.raises(
+        ParamsError, match=r"exploration\.cells to be fewer cells where exploration\.lifetime is episode"
+    ):
+        parse_params(changed(document, "exploration.cells", 1025), "params.yaml")
+    hashed = changed(changed(document, "candidate.bonus", "simhash"), "exploration.simhash_bits", 16)
+    parse_params(changed(hashed, "train.num_envs", 256), "params.yaml")
+    with pytest.raises(ParamsError, match=r"exploration\.simhash_bits"):
+        parse_params(changed(hashed, "train.num_envs", 512), "params.yaml")
+    parse_params(changed(changed(document, "exploration.cells", 1025), "candidate.bonus", "none"), "params.yaml")
+
+
 def test_a_pool_of_mutants_that_no_rung_reads_must_be_there_all_the_same(document):
     rungs = [{"rung": "only", "pool": "validate-code", "until": 1, "keep": 1}]
     with pytest.raises(ParamsError, match=r"expected mutate\.pool to be one of validate-code, eliminate-only"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from meaning_cases import changed
 from porse import numerics, tables
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.errors import CheckpointError, ParamsError
@@ -68,6 +69,39 @@ def small_start(small, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("small") / "start.safetensors"
     write_checkpoint(path, random_policy(small, 1))
     return path
+
+
+@pytest.mark.parametrize(
+    ("bonus", "lifetime", "form"),
+    [
+        ("mapping", "candidate", "relative"),
+        ("mapping", "rung", "calibrated"),
+        ("mapping", "episode", "literal"),
+        ("simhash", "rung", "relative"),
+        ("none", "candidate", "relative"),
+    ],
+)
+def test_a_training_split_anywhere_gives_the_same_bits(small, small_start, tmp_path, bonus, lifetime, form):
+    """Rungs of `small` have 2 epochs: the first cut is within one, the second at its end."""
+    chosen = changed(small, candidate={"bonus": bonus}, exploration={"lifetime": lifetime, "form": form})
+    whole = job(small_start, tmp_path / "whole", until=5)
+    expected = train_candidate(whole, chosen, lambda *_: None).rows
+    for cut in (1, 2):
+        rows = train_candidate(job(small_start, tmp_path / "half", until=cut), chosen, lambda *_: None).rows
+        rows += train_candidate(job(tmp_path / "half", tmp_path / "two", until=5), chosen, lambda *_: None).rows
+        assert rows == expected
+        assert digest(tmp_path / "two") == digest(tmp_path / "whole")
+
+
+def test_counts_of_a_rung_begin_with_it_and_those_of_a_candidate_go_on(small, small_start, tmp_path):
+    new = {}
+    for lifetime in ("candidate", "rung"):
+        chosen = changed(small, exploration={"lifetime": lifetime})
+        rows = train_candidate(job(small_start, tmp_path / "x", until=4), chosen, lambda *_: None).rows
+        new[lifetime] = [value for _, series, value in rows if series == "new_cells"]
+    assert new["candidate"][:2] == new["rung"][:2]
+    # the third epoch of a candidate finds few new cells, the first one of a rung nothing else
+    assert new["rung"][2] > 2.0 * new["candidate"][2]
 
 
 def test_another_seed_gives_another_policy(small, small_start, tmp_path):
