@@ -26,7 +26,7 @@ def changed(document, name, value):
 def test_the_committed_parameters_load(params):
     assert params.task == "Quadcopter"
     assert (params.generate.candidates, params.mutate.mutants, len(params.iterations)) == (6, 5, 5)
-    assert (params.exploration.lambda_, params.exploration.cells) == (0.01, 1000)
+    assert (params.exploration.lambda_, params.exploration.cells) == (1.0, 1000)
     assert (params.candidate.beta, params.candidate.alpha) == (1.0, 0.8)
 
 
@@ -89,7 +89,8 @@ def test_an_extra_field_of_a_request_may_be_whatever_json_holds(document):
         ("train.hidden", [64] * 40, ["train.hidden", "at most 16 layers"]),
         ("train.rung_epochs", 10**400, ["train.rung_epochs", "[1, 1e+06]", "000..."]),
         ("train.learning_rate", 10**400, ["train.learning_rate", "at most 1e+09", "000..."]),
-        ("train.reward_scale", 1e300, ["train.reward_scale", "1e+09"]),
+        ("train.observation_clip", 0.0, ["train.observation_clip", "0.001"]),
+        ("train.gamma", 1.0, ["train.gamma", "less than 1 where exploration.form is relative"]),
         ("exploration.lambda", 1e30, ["exploration.lambda", "1e+09"]),
         ("exploration.cells", 10**12, ["exploration.cells", "1e+06"]),
         ("generate.candidates", 10**6, ["generate.candidates", "[1, 1000]"]),
@@ -107,6 +108,21 @@ def test_an_absurd_value_is_refused_before_anything_is_computed(document, name, 
         parse_params(changed(document, name, value), "params.yaml")
     assert [word for word in [*words, "params.yaml"] if word not in str(caught.value)] == []
     assert len(str(caught.value)) < 500
+
+
+def test_counts_of_each_environment_must_fit_into_a_checkpoint(document):
+    # 2^24 counts: 16 384 environments x 1 024 cells, or 2^16 hashes of 256 environments
+    document = changed(changed(document, "exploration.lifetime", "episode"), "train.num_envs", 2**14)
+    parse_params(changed(document, "exploration.cells", 1024), "params.yaml")
+    with pytest.raises(
+        ParamsError, match=r"exploration\.cells to be fewer cells where exploration\.lifetime is episode"
+    ):
+        parse_params(changed(document, "exploration.cells", 1025), "params.yaml")
+    hashed = changed(changed(document, "candidate.bonus", "simhash"), "exploration.simhash_bits", 16)
+    parse_params(changed(hashed, "train.num_envs", 256), "params.yaml")
+    with pytest.raises(ParamsError, match=r"exploration\.simhash_bits"):
+        parse_params(changed(hashed, "train.num_envs", 512), "params.yaml")
+    parse_params(changed(changed(document, "exploration.cells", 1025), "candidate.bonus", "none"), "params.yaml")
 
 
 def test_a_pool_of_mutants_that_no_rung_reads_must_be_there_all_the_same(document):

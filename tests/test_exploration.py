@@ -110,7 +110,7 @@ def test_a_falling_variable_is_turned_round():
 
 
 @given(
-    st.lists(st.lists(st.integers(-1, 6), min_size=3, max_size=3), min_size=1, max_size=12),
+    st.lists(st.lists(st.integers(-1, 6), min_size=3, max_size=3), min_size=2, max_size=12),
     st.booleans(),
     st.integers(0, 2**31 - 1),
 )

@@ -1,128 +1,94 @@
-"""What the exploration bonus means: bins, cells, counts and directions by pencil, with asymmetric numbers."""
+"""What the exploration bonus means: bins, cells, counts, lifetimes and rarity by pencil, with asymmetric numbers."""
 
 import pytest
 import torch
 
-from porse.exploration import SimHashCounts, SumCounts, VisitCounts
-from porse.exploration.bins import ProgressBins
-from porse.exploration.bonus import pay_finite, rarity
-from porse.exploration.ranges import Range, first_range, grow
+from porse.exploration import Counts, ProgressSpace, SimHash, Visits, literal, relative
+from porse.exploration.bins import bins_per_summand, bins_per_variable, centre_and_unit, unit_edges
 from porse.exploration.simhash import hash_codes
-from porse.exploration.sums import bins_per_summand
-from porse.exploration.visits import bins_per_variable
 
 
 def doubles(*rows):
     return torch.tensor(rows, dtype=torch.float64)
 
 
-# The bonus of a visit.
+def no_ends(cells):
+    return torch.zeros(cells.shape, dtype=torch.bool)
 
 
-def test_the_bonus_falls_with_the_root_of_the_visits():
-    # 0.3 / sqrt(1), / sqrt(4), / sqrt(9)
-    found = rarity(torch.tensor([1, 4, 9]), 0.3)
-    assert found.tolist() == pytest.approx([0.3, 0.15, 0.1], rel=1e-6)
-    assert found.dtype == torch.float32
+# Bins of one variable.
 
 
-def test_rows_that_are_not_finite_are_left_out_and_the_others_keep_their_places():
-    seen = []
-
-    def pay(rows):
-        seen.append(rows.tolist())
-        return rows[:, 0] * 10.0
-
-    rows = torch.tensor([[1.0, 2.0], [float("inf"), 2.0], [3.0, float("nan")], [4.0, 5.0]])
-    assert pay_finite(rows, pay).tolist() == [10.0, 0.0, 0.0, 40.0]
-    assert pay_finite(rows[1:3], pay).tolist() == [0.0, 0.0]
-    assert seen == [[[1.0, 2.0], [4.0, 5.0]]]
+def test_centre_and_unit_are_the_median_and_a_quarter_of_the_95_percent_quantile():
+    # 20 values; the 10th is 1; distances from it: 19 up to 8, and 992: the 19th of 20 is 8, so s = 2
+    values = torch.tensor([1.0] * 12 + [-7.0, 9.0, 5.0, 3.0, 8.5, 2.0, 993.0, -4.0], dtype=torch.float64)
+    assert centre_and_unit(values) == (1.0, 2.0)
+    # of an even number the lower one of the two in the middle
+    assert centre_and_unit(doubles(10.0, 30.0, 20.0, 40.0).flatten()) == (20.0, 5.0)
 
 
-# Ranges.
+def test_what_does_not_vary_has_bins_of_a_thousandth_of_it():
+    # 2^-10 up to 1, times the value beyond
+    assert centre_and_unit(doubles(0.25, 0.25, 0.25).flatten()) == (0.25, 2.0**-10)
+    assert centre_and_unit(doubles(-12.0, -12.0).flatten()) == (-12.0, 12.0 * 2.0**-10)
+    # a spread of 0.002 / 4 is less than 2^-10, one of 0.02 / 4 is not
+    assert centre_and_unit(doubles(0.0, 0.0, 0.002).flatten()) == (0.0, 2.0**-10)
+    assert centre_and_unit(doubles(0.0, 0.0, 0.02).flatten()) == (0.0, 0.005)
 
 
-def test_a_first_range_starts_on_the_grid_of_its_width():
-    # [0.3, 3.4] in 4 bins: 3.1 / 4 = 0.775, so bins of 1, from 0 to 4
-    assert first_range(0.3, 3.4, 4) == Range(0.0, 1.0, 4)
-    # [-0.3, 3.4]: 3.7 / 4 = 0.925, so bins of 1 from -1; 3.4 lies beyond 3, so they double upward: from -1 to 7
-    assert first_range(-0.3, 3.4, 4) == Range(-1.0, 2.0, 4)
-    # a spread of exactly 4 has bins of 1, and its upper end belongs above: bins of 2
-    assert first_range(0.0, 4.0, 4) == Range(0.0, 2.0, 4)
-    assert first_range(0.0, 3.999, 4) == Range(0.0, 1.0, 4)
-
-
-def test_equal_first_values_have_bins_as_fine_as_the_values_allow():
-    # 2^-20 up to 1; at 6 the next power of two, 8, coarsens them: 2^-17
-    assert first_range(0.5, 0.5, 4).width == 2.0**-20
-    assert first_range(6.0, 6.0, 4).width == 2.0**-17
-    assert first_range(-6.0, -6.0, 4).width == 2.0**-17
+def test_edges_are_even_steps_of_asinh_up_to_a_thousand():
+    # asinh(1000) = 7.6009; of 4 bins the edges are at half of it on both sides and at 0: sinh(3.80045) = 22.35
+    assert unit_edges(4) == pytest.approx((-22.349, 0.0, 22.349), abs=1e-3)
+    # of 5: sinh(7.6009 / 5) = 2.177 and sinh(3 x 1.52018) = 47.81
+    assert unit_edges(5) == pytest.approx((-47.81, -2.177, 2.177, 47.81), abs=5e-3)
+    assert (unit_edges(1), unit_edges(2)) == ((), (0.0,))
 
 
 def test_a_value_lies_in_the_bin_whose_lower_edge_it_has_reached():
-    found = Range(-2.0, 0.5, 5)
-    # edges -2, -1.5, -1, -0.5, 0, 0.5
-    values = torch.tensor([-2.0, -1.6, -1.5, -1e-20, 0.0, 0.49], dtype=torch.float64)
-    assert found.index(values).tolist() == [0, 0, 1, 3, 4, 4]
-    assert found.high == 0.5
+    space = ProgressSpace([True], 4, "grid")
+    # 20 values: m = 3, s = 8 / 4 = 2; edges 3 - 44.70, 3, 3 + 44.70
+    space.locate(torch.tensor([[3.0] * 18 + [11.0, 11.0]]).unsqueeze(-1))
+    values = torch.tensor([[-1e30, -41.8, -41.6, 2.9999, 3.0, 47.6, 47.8, 1e30]]).unsqueeze(-1)
+    assert space.locate(values).tolist() == [[0, 0, 1, 1, 2, 2, 3, 3]]
+    assert space.state()["bins"].tolist() == [[3.0, 2.0]]
 
 
-def test_growing_by_two_doublings_merges_four_bins():
-    # [0, 6) in bins of 2 toward 20: bins of 4 to 12, then of 8 to 24
-    assert grow(Range(0.0, 2.0, 3), 20.0) == (Range(0.0, 8.0, 3), [0, 0, 0])
-    # toward -7: [-6, 6) in bins of 4 with (1, 2, 2), then [-18, 6) in bins of 8 with 1 -> 2 - 1 // 2 = 2
-    assert grow(Range(0.0, 2.0, 3), -7.0) == (Range(-18.0, 8.0, 3), [2, 2, 2])
-    # the upper edge itself is outside, the lower one inside
-    assert grow(Range(0.0, 1.0, 5), 5.0) == (Range(0.0, 2.0, 5), [0, 0, 1, 1, 2])
-    assert grow(Range(0.0, 1.0, 5), 0.0) == (Range(0.0, 1.0, 5), [0, 1, 2, 3, 4])
+def test_bins_stay_as_the_first_values_fixed_them_until_they_are_forgotten():
+    space = ProgressSpace([True], 4, "grid")
+    first, later = torch.tensor([[[3.0]] * 19 + [[11.0]]]), torch.tensor([[[100.0]]] * 3)
+    space.locate(first)
+    space.locate(later)
+    assert space.state()["bins"].tolist() == [[3.0, 2.0**-10 * 3.0]]
+    space.forget()
+    assert not space.is_fitted
+    space.locate(later)
+    assert space.state()["bins"].tolist() == [[100.0, 100.0 * 2.0**-10]]
 
 
-# Bins of several variables.
+def test_states_that_are_not_finite_fix_no_bins():
+    space = ProgressSpace([True, True], 100, "grid")
+    nan, inf = float("nan"), float("inf")
+    assert space.locate(torch.tensor([[[nan, 5.0], [inf, 6.0]]])).tolist() == [[-1, -1]]
+    assert not space.is_fitted
+    space.locate(torch.tensor([[[nan, 5.0], [2.0, 7.0]]]))
+    assert space.state()["bins"][:, 0].tolist() == [2.0, 7.0]
 
 
-def test_a_falling_variable_rises_as_it_falls_and_the_others_stay():
-    space = ProgressBins([True, False, True], 4)
-    assert space.turn(torch.tensor([[1.0, 2.0, -3.0]])).tolist() == [[1.0, -2.0, -3.0]]
+# Cells of several variables.
 
 
-def test_the_last_variable_counts_least_in_a_joint_cell():
-    space = ProgressBins([True, True, True], 5)
-    # 25 x 3 + 5 x 1 + 4 = 84
-    assert space.encode(torch.tensor([[3, 1, 4]])).tolist() == [84]
-    assert space.decode(torch.tensor([84, 7])).tolist() == [[3, 1, 4], [0, 1, 2]]
-
-
-def test_every_variable_has_its_own_range_and_growths_name_theirs():
-    space = ProgressBins([True, True], 4)
-    assert space.include(doubles([0.0, 0.0], [3.0, 30.0])) == []
-    assert space.ranges == [Range(0.0, 1.0, 4), Range(0.0, 8.0, 4)]
-    assert space.indices(doubles([2.5, 17.0])).tolist() == [[2, 2]]
-    # the second alone grows, upward; then the first, downward
-    [growth] = space.include(doubles([1.0, 40.0]))
-    assert (growth.variable, growth.image.tolist()) == (1, [0, 0, 1, 1])
-    [growth] = space.include(doubles([-1.0, 0.0]))
-    assert (growth.variable, growth.image.tolist()) == (0, [2, 2, 3, 3])
-    assert space.ranges == [Range(-4.0, 2.0, 4), Range(0.0, 16.0, 4)]
-    assert space.state().tolist() == [[-4.0, 2.0], [0.0, 16.0]]
-
-
-def test_one_step_may_push_a_range_both_ways():
-    space = ProgressBins([True], 4)
-    space.include(doubles([0.0], [3.0]))
-    growths = space.include(doubles([-1.0], [6.0]))
-    # down to [-4, 4) first, then up to [-4, 12)
-    assert [growth.image.tolist() for growth in growths] == [[2, 2, 3, 3], [0, 0, 1, 1]]
-    assert space.ranges == [Range(-4.0, 4.0, 4)]
-
-
-def test_more_cells_than_an_integer_can_tell_apart_are_refused():
-    # 8^21 = 2^63 are just enough
-    assert ProgressBins([True] * 21, 8).variables == 21
-    with pytest.raises(ValueError, match="at most 2\\^63"):
-        ProgressBins([True] * 22, 8)
-
-
-# Counts.
+def test_a_grid_has_a_cell_for_each_combination_and_a_sum_adds_the_bins():
+    # 4 bins each, m = 0 and s = 1 of both, edges -22.3, 0, 22.3; the second variable falls and is turned
+    first = torch.tensor([[[0.0, 0.0]] * 18 + [[4.0, 4.0]] * 2])
+    states = torch.tensor([[[-30.0, 30.0], [-30.0, -30.0], [-1.0, -9.0], [9.0, 9.0], [30.0, -30.0]]])
+    # bins (0, 0), (0, 3), (1, 2), (2, 1), (3, 3)
+    grid = ProgressSpace([True, False], 16, "grid")
+    grid.locate(first)
+    assert grid.locate(states).tolist() == [[0, 3, 6, 9, 15]]
+    added = ProgressSpace([True, False], 7, "sum")
+    added.locate(first)
+    assert added.locate(states).tolist() == [[0, 3, 3, 3, 6]]
+    assert (grid.cells, added.cells, grid.bins, added.bins) == (16, 7, 4, 4)
 
 
 def test_bins_fill_the_cells_of_a_grid_and_of_a_sum():
@@ -133,75 +99,79 @@ def test_bins_fill_the_cells_of_a_grid_and_of_a_sum():
     assert (bins_per_summand(101, 4), bins_per_summand(10, 1)) == (26, 10)
 
 
-def test_a_grid_tells_cells_of_equal_sum_apart_and_a_sum_does_not():
-    grid, added = VisitCounts([True, True], 16, 1.0), SumCounts([True, True], 7, 1.0)
-    # bins of 1 for both; (1, 2) and (2, 1) have the sum 3, (3, 3) has 6
-    steps = torch.tensor([[0.0, 0.0], [3.0, 3.0], [1.0, 2.0], [2.0, 1.0], [1.0, 2.0]])
-    root2, root3 = 2.0**-0.5, 3.0**-0.5
-    assert grid.bonus(steps).tolist() == pytest.approx([1.0, 1.0, root2, 1.0, root2], rel=1e-6)
-    assert added.bonus(steps).tolist() == pytest.approx([1.0, 1.0, root3, root3, root3], rel=1e-6)
-    assert (len(grid.counts), len(added.counts)) == (16, 7)
-    assert added.counts.tolist() == [1, 0, 0, 3, 0, 0, 1]
+# Counts.
 
 
-def test_merged_cells_keep_their_visits_in_the_variable_that_grew():
-    visits = VisitCounts([True, True], 4, 1.0)
-    # 2 x 2 bins of 1: (0, 0) twice, (0, 1) once, (1, 1) once
-    visits.bonus(torch.tensor([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]]))
-    assert visits.counts.tolist() == [2, 1, 0, 1]
-    # the second variable grows to [0, 4): its old bins are both bin 0; the newcomer lies in (0, 1)
-    assert visits.bonus(torch.tensor([[0.0, 3.0]])).tolist() == [1.0]
-    assert visits.counts.tolist() == [3, 1, 1, 0]
-    # and one more in the cell of the old three has 4 visits
-    assert visits.bonus(torch.tensor([[0.0, 0.5]])).tolist() == [0.5]
+def test_a_step_is_counted_whole_before_it_is_read():
+    counts = Counts(5, 3, False)
+    cells = torch.tensor([[1, 1, 4], [1, 2, -1]])
+    visits = counts.count(cells, no_ends(cells))
+    # first step: two meet in cell 1, one in 4; second: a third visit of 1, a first of 2, and one that is not counted
+    assert visits.own.tolist() == [[2, 2, 1], [3, 1, 0]]
+    # 3 visits of 2 cells, then 5 visits of 3 cells, for all environments alike
+    assert visits.mean.tolist() == [[1.5] * 3, [pytest.approx(5 / 3)] * 3]
+    assert counts.table.tolist() == [0, 3, 1, 0, 1]
+    assert (visits.new_cells, counts.share_visited) == (3, 0.6)
+    again = counts.count(torch.tensor([[1, 4, 3]]), no_ends(torch.zeros(1, 3)))
+    # 8 visits of 4 cells
+    assert again.own.tolist() == [[4, 2, 1]]
+    assert again.mean.tolist() == [[2.0] * 3]
+    assert (again.new_cells, counts.share_visited) == (1, 0.8)
 
 
-def test_sums_are_counted_anew_when_a_variable_grows():
-    counts = SumCounts([True, False], 7, 0.4)
-    assert counts.space.bins == 4
-    # turned: (0, 0), (3, 3), (1, 3): sums 0, 6, 4
-    counts.bonus(torch.tensor([[0.0, 0.0], [3.0, -3.0], [1.0, -3.0]]))
-    assert counts.counts.tolist() == [1, 0, 0, 0, 1, 0, 1]
-    # the first grows to [0, 8): old bins 0, 3, 1 become 0, 1, 0: sums 0, 4, 3; the newcomer (5 -> 2, 1) has 3
-    assert counts.bonus(torch.tensor([[5.0, -1.0]])).tolist() == pytest.approx([0.4 / 2**0.5], rel=1e-6)
-    assert counts.counts.tolist() == [1, 0, 0, 2, 1, 0, 0]
+def test_an_episodes_counts_are_each_environments_own_and_end_with_it():
+    counts = Counts(5, 2, True)
+    cells = torch.tensor([[1, 1], [1, 3], [1, 1]])
+    ends = torch.tensor([[False, False], [True, False], [False, False]])
+    visits = counts.count(cells, ends)
+    # the first ends after two visits of 1 and begins anew; the second goes on: 1, 3, 1
+    assert visits.own.tolist() == [[1, 1], [2, 1], [1, 2]]
+    assert visits.mean.tolist() == [[1.0, 1.0], [2.0, 1.0], [1.0, 1.5]]
+    assert counts.table.tolist() == [[0, 1, 0, 0, 0], [0, 2, 0, 1, 0]]
+    # cells that anybody ever visited: 1 and 3
+    assert (visits.new_cells, counts.share_visited) == (2, 0.4)
 
 
-def test_sums_are_counted_anew_in_the_variable_that_grew():
-    counts = SumCounts([True, True], 7, 1.0)
-    # (0, 0), (3, 3), (3, 1): sums 0, 6, 4; the second grows to [0, 8): (0, 0), (3, 1), (3, 0): sums 0, 4, 3
-    counts.bonus(torch.tensor([[0.0, 0.0], [3.0, 3.0], [3.0, 1.0]]))
-    assert counts.bonus(torch.tensor([[0.0, 5.0]])).tolist() == [1.0]
-    # and the newcomer's bins are (0, 2)
-    assert counts.counts.tolist() == [1, 0, 1, 1, 1, 0, 0]
-
-
-def test_joint_cells_survive_folding_and_a_state():
-    counts = SumCounts([True, True], 7, 1.0)
-    counts.bonus(torch.tensor([[0.0, 0.0], [3.0, 3.0]]))
-    for _ in range(300):
-        counts.bonus(torch.tensor([[1.0, 2.0]]))
-    # joint cells of 4 x 4: 0, (1, 2) = 6, (3, 3) = 15
-    state = counts.state()
-    assert (state["joint"].tolist(), state["visits"].tolist()) == ([0, 6, 15], [1, 300, 1])
-    other = SumCounts([True, True], 7, 1.0)
-    other.load_state(state)
-    assert other.counts.tolist() == [1, 0, 0, 300, 0, 0, 1]
-    assert other.bonus(torch.tensor([[2.0, 1.0]])).tolist() == pytest.approx([301**-0.5], rel=1e-6)
+def test_forgotten_counts_are_none():
+    counts = Counts(5, 2, False)
+    cells = torch.tensor([[1, 2]])
+    counts.count(cells, no_ends(cells))
+    counts.forget()
+    assert (counts.table.tolist(), counts.share_visited) == ([0] * 5, 0.0)
+    visits = counts.count(cells, no_ends(cells))
+    assert (visits.own.tolist(), visits.mean.tolist(), visits.new_cells) == ([[1, 1]], [[1.0, 1.0]], 2)
 
 
 def test_a_state_is_a_copy():
-    for counts, step in (
-        (VisitCounts([True], 4, 1.0), torch.tensor([[0.0], [1.0]])),
-        (SimHashCounts(1, 3, 1.0, 0), torch.tensor([[0.5], [1.0]])),
-    ):
-        counts.bonus(step)
-        state = counts.state()
-        counts.bonus(step)
-        assert int(state["counts"].sum()) == 2
-        counts.load_state(state)
-        counts.bonus(step)
-        assert int(state["counts"].sum()) == 2
+    counts = Counts(3, 2, False)
+    cells = torch.tensor([[0, 2]])
+    counts.count(cells, no_ends(cells))
+    state = counts.state()
+    counts.count(cells, no_ends(cells))
+    assert state["counts"].tolist() == [1, 0, 1]
+    counts.load_state(state)
+    counts.count(cells, no_ends(cells))
+    assert state["counts"].tolist() == [1, 0, 1]
+    assert counts.table.tolist() == [2, 0, 2]
+
+
+# Rarity.
+
+
+def test_the_literal_bonus_falls_with_the_root_of_the_visits():
+    visits = Visits(torch.tensor([[1, 4], [9, 0]]), doubles([7.0, 7.0], [7.0, 7.0]), 0)
+    found = literal(visits)
+    assert found.flatten().tolist() == pytest.approx([1.0, 0.5, 1 / 3, 0.0], rel=1e-6)
+    assert found.dtype == torch.float32
+
+
+def test_the_relative_bonus_is_one_where_a_cell_has_average_visits():
+    # sqrt(12 / 12), sqrt(12 / 3), sqrt(12 / 48), and nothing for what is not counted
+    visits = Visits(torch.tensor([[12, 3], [48, 0]]), doubles([12.0, 12.0], [12.0, 12.0]), 0)
+    found = relative(visits)
+    assert found.flatten().tolist() == pytest.approx([1.0, 2.0, 0.5, 0.0], rel=1e-6)
+    # before anything is counted nothing is paid either
+    assert relative(Visits(torch.tensor([[0]]), doubles([0.0]), 0)).tolist() == [[0.0]]
 
 
 # Hashes.
@@ -216,5 +186,5 @@ def test_the_first_row_of_the_projection_is_the_lowest_bit():
 
 def test_a_hash_is_drawn_by_its_own_seed_alone():
     expected = torch.randn((3, 2), generator=torch.Generator().manual_seed(12), dtype=torch.float64)
-    assert torch.equal(SimHashCounts(2, 3, 1.0, 12).projection, expected)
-    assert len(SimHashCounts(2, 3, 1.0, 12).counts) == 8
+    assert torch.equal(SimHash(2, 3, 12).projection, expected)
+    assert SimHash(2, 3, 12).cells == 8

@@ -10,14 +10,14 @@ import torch
 from meaning_cases import changed, named, row_of
 from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
-from porse.exploration import SimHashCounts, SumCounts, VisitCounts
+from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
 from porse.identity import seed_for
 from porse.pool import Pool, policy_file, read_pool, write_pool
 from porse.training import candidate as candidate_module
 from porse.training import evaluation as evaluation_module
 from porse.training import probing as probing_module
 from porse.training import rung as rung_module
-from porse.training.bonus import MappingBonus, NoBonus, SimHashBonus
+from porse.training.bonus import Bonuses, Ledger, MappingBonus, NoBonus, Price, SimHashBonus
 from porse.training.candidate import train_candidate
 from porse.training.evaluation import evaluate
 from porse.training.goal import generated, human, sparse
@@ -26,6 +26,7 @@ from porse.training.ppo import build_ppo
 from porse.training.probing import Probe, search_alphas, search_rung
 from porse.training.reward import CandidateFailed, EpochMeans, Reward
 from porse.training.rung import job_for, train_rung
+from porse.training.scale import NoScale, ReturnScale
 from porse.training.start import random_policy
 from porse.training.trainer import Trainer, draw_policy
 from porse.training.vecenv import TaskEnv, observation_groups
@@ -41,7 +42,7 @@ class Task:
 
     NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, num_envs = 1, 1, 9, 3
     STATES: ClassVar = [[1.0, 2.0, 2.0], [2.0, 3.0, 3.0], [3.0, 1.0, 1.0], [4.0, 3.0, 3.0]]
-    REWARDS: ClassVar = [10.0, 20.0, 40.0]
+    REWARDS: ClassVar = [1.0, 2.0, 4.0]
 
     def __init__(self):
         self.progress = torch.zeros(3, dtype=torch.int64)
@@ -91,8 +92,14 @@ def goal_of_task(task, variables):
 class Fixed:
     """A bonus of 0.5, 3 and 4, whatever happens."""
 
-    def pay(self, variables):
-        return torch.tensor([0.5, 3.0, 4.0]), {"z": torch.tensor([7.0, 8.0, 9.0]), "a": torch.tensor([1.0, 2.0, 3.0])}
+    def see(self, variables):
+        return torch.zeros(3), {"z": torch.tensor([7.0, 8.0, 9.0]), "a": torch.tensor([1.0, 2.0, 3.0])}
+
+    def pay(self, epoch, seen, ends):
+        return Bonuses(torch.tensor([[0.5, 3.0, 4.0]]), {"cells_visited": 0.25, "new_cells": 6.0})
+
+    def state(self):
+        return {}
 
 
 def fixed_goal(task, variables):
@@ -100,21 +107,149 @@ def fixed_goal(task, variables):
     return torch.tensor([10.0, -2.0, 1.0]), components
 
 
+def no_ends(steps, num_envs):
+    return torch.zeros((steps, num_envs), dtype=torch.bool)
+
+
+def paid(reward, task=None, epoch=1):
+    """What a reward pays for an epoch of one step."""
+    task = task or Task()
+    reward.see(task)
+    return reward.pay(epoch, no_ends(1, task.num_envs))
+
+
+class Times:
+    """Multiplies a stream by a number."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def apply(self, stream, ends):
+        return self.factor * stream.double()
+
+
 def test_beta_weighs_the_bonus_and_the_rest_of_the_scale_the_goal():
-    payment = Reward(fixed_goal, Fixed(), 0.7, 2.0).pay(Task())
+    total = paid(Reward(fixed_goal, Fixed(), 0.7, 2.0, NoScale(), NoScale())).total
     # 0.7 x 0.5 + 1.3 x 10 = 13.35; 0.7 x 3 - 1.3 x 2 = -0.5; 0.7 x 4 + 1.3 = 4.1
-    assert payment.total.tolist() == pytest.approx([13.35, -0.5, 4.1], abs=1e-6)
+    assert total[0].tolist() == pytest.approx([13.35, -0.5, 4.1], abs=1e-6)
     # of a scale of 1: 0.35 + 0.3 x 10 = 3.35; 2.1 - 0.6 = 1.5; 2.8 + 0.3 = 3.1
-    assert Reward(fixed_goal, Fixed(), 0.7, 1.0).pay(Task()).total.tolist() == pytest.approx([3.35, 1.5, 3.1], abs=1e-6)
+    total = paid(Reward(fixed_goal, Fixed(), 0.7, 1.0, NoScale(), NoScale())).total
+    assert total[0].tolist() == pytest.approx([3.35, 1.5, 3.1], abs=1e-6)
+    assert total.dtype == torch.float32
 
 
-def test_what_is_written_down_is_each_stream_before_it_is_weighed():
-    series = Reward(fixed_goal, Fixed(), 0.7, 2.0).pay(Task()).series
-    assert list(series) == ["goal", "bonus", "component/b", "component/y", "progress/z", "progress/a"]
-    assert series["goal"].tolist() == [10.0, -2.0, 1.0]
-    assert series["bonus"].tolist() == [0.5, 3.0, 4.0]
-    assert series["component/y"].tolist() == [1.0, 2.0, 3.0]
-    assert series["progress/z"].tolist() == [7.0, 8.0, 9.0]
+def test_the_goal_is_scaled_before_the_mix_and_the_mix_after_it():
+    payment = paid(Reward(fixed_goal, Fixed(), 0.7, 2.0, Times(0.1), Times(3.0)))
+    # 3 (0.7 x 0.5 + 1.3 x 1) = 4.95; 3 (2.1 - 0.26) = 5.52; 3 (2.8 + 0.13) = 8.79
+    assert payment.total[0].tolist() == pytest.approx([4.95, 5.52, 8.79], abs=1e-6)
+    # and the mean of the mix, before it is scaled: (1.65 + 1.84 + 2.93) / 3
+    assert payment.series["reward"] == pytest.approx(2.14)
+
+
+def test_what_is_written_down_is_each_stream_before_it_is_weighed_and_both_sizes_after():
+    series = paid(Reward(fixed_goal, Fixed(), 0.7, 2.0, Times(0.1), Times(3.0))).series
+    assert list(series) == [
+        "goal", "bonus", "goal_size", "bonus_size", "bonus_share", "cells_visited", "new_cells", "component/b",
+        "component/y", "progress/z", "progress/a", "reward",
+    ]  # fmt: skip
+    # (10 - 2 + 1) / 3 and (0.5 + 3 + 4) / 3, as they are
+    assert (series["goal"], series["bonus"]) == (pytest.approx(3.0), pytest.approx(2.5))
+    assert (series["component/b"], series["component/y"]) == (5.0, 2.0)
+    assert (series["progress/z"], series["progress/a"]) == (8.0, 2.0)
+    # 0.13 x (10, -2, 1): distances from the mean 0.13 x (7, -5, -2), so 0.13 sqrt(78 / 3)
+    assert series["goal_size"] == pytest.approx(0.13 * 26**0.5)
+    # 0.7 x (0.5, 3, 4): 0.7 x (-2, 0.5, 1.5), so 0.7 sqrt(6.5 / 3)
+    assert series["bonus_size"] == pytest.approx(0.7 * (6.5 / 3) ** 0.5)
+    # of the mix 1.65, 1.84, 2.93: -0.49, -0.30, 0.79 from 2.14, so sqrt((0.2401 + 0.09 + 0.6241) / 3)
+    assert series["bonus_share"] == pytest.approx(0.7 * (6.5 / 3) ** 0.5 / (0.9542 / 3) ** 0.5)
+    assert (series["cells_visited"], series["new_cells"]) == (0.25, 6.0)
+
+
+def test_without_a_bonus_its_share_is_zero_and_no_cells_are_counted():
+    series = paid(Reward(fixed_goal, NoBonus(), 0.0, 2.0, NoScale(), NoScale())).series
+    assert (series["bonus"], series["bonus_size"], series["bonus_share"]) == (0.0, 0.0, 0.0)
+    assert "cells_visited" not in series
+    assert "new_cells" not in series
+    # where nothing varies at all, neither does the bonus
+    constant = Reward(lambda task, variables: (torch.ones(3), {}), NoBonus(), 0.0, 2.0, NoScale(), NoScale())
+    assert paid(constant).series["bonus_share"] == 0.0
+
+
+def test_means_are_over_all_steps_and_environments_and_begin_anew_with_an_epoch():
+    goals = iter([[1.0, 3.0, 2.0], [6.0, 0.0, 3.0], [4.0, 8.0, 9.0]])
+    reward = Reward(lambda *_: (torch.tensor(next(goals)), {}), NoBonus(), 0.0, 1.0, NoScale(), NoScale())
+    reward.see(Task())
+    reward.see(Task())
+    assert reward.pay(1, no_ends(2, 3)).series["goal"] == 2.5
+    assert paid(reward).series["goal"] == 7.0
+
+
+def test_what_a_function_returns_is_copied():
+    """It may be the simulation's own memory, which the next step changes."""
+    memory = torch.tensor([1.0, 2.0, 6.0])
+    reward = Reward(lambda *_: (memory, {}), NoBonus(), 0.0, 1.0, NoScale(), NoScale())
+    reward.see(Task())
+    memory.zero_()
+    assert reward.pay(1, no_ends(1, 3)).total.tolist() == [[1.0, 2.0, 6.0]]
+
+
+# The scale of a stream.
+
+
+def test_a_stream_is_divided_by_the_deviation_of_its_discounted_return():
+    """Gamma 1/2; rewards 1, 2, 4 and 3, 1, 2; the second environment's episode ends in the second step.
+
+    Returns: 1, 0.5 + 2 = 2.5, 1.25 + 4 = 5.25; 3, 1.5 + 1 = 2.5, then anew 2. Their mean is 16.25 / 6 and the mean of
+    their squares (1 + 6.25 + 27.5625 + 9 + 6.25 + 4) / 6 = 54.0625 / 6.
+    """
+    size = ReturnScale(0.5, 2)
+    stream = torch.tensor([[1.0, 3.0], [2.0, 1.0], [4.0, 2.0]])
+    ends = torch.tensor([[False, False], [False, True], [False, False]])
+    expected = (54.0625 / 6 - (16.25 / 6) ** 2) ** 0.5
+    assert size.apply(stream, ends).flatten().tolist() == pytest.approx([v / expected for v in (1, 3, 2, 1, 4, 2)])
+    assert size.deviation() == pytest.approx(expected)
+    # The next epoch goes on from the returns 5.25 and 2: 2.625 + 1 and 1 + 5; moments are over all 8.
+    expected = ((54.0625 + 3.625**2 + 6.0**2) / 8 - ((16.25 + 3.625 + 6.0) / 8) ** 2) ** 0.5
+    found = size.apply(torch.tensor([[1.0, 5.0]]), no_ends(1, 2))
+    assert found.flatten().tolist() == pytest.approx([1.0 / expected, 5.0 / expected])
+
+
+def test_the_scale_does_not_depend_on_the_units():
+    def scaled(factor):
+        size = ReturnScale(0.9, 8)
+        streams = [torch.randn((5, 8), generator=torch.Generator().manual_seed(seed)) + 3.0 for seed in range(3)]
+        return torch.cat([size.apply(factor * stream.double(), no_ends(5, 8)) for stream in streams])
+
+    assert torch.equal(scaled(1.0), scaled(2.0**-30))
+    torch.testing.assert_close(scaled(1000.0), scaled(1.0), rtol=1e-12, atol=0.0)
+    torch.testing.assert_close(scaled(1e-20), scaled(1.0), rtol=1e-12, atol=0.0)
+
+
+def test_a_stream_that_was_never_paid_stays_zero_and_one_that_never_varies_gets_the_size_1():
+    nothing, ends = torch.zeros(3, 2), no_ends(3, 2)
+    assert ReturnScale(0.9, 2).apply(nothing, ends).tolist() == nothing.tolist()
+    # gamma 0: the return is the reward, 0.1 in every step, and what its sums are off is no variance
+    assert ReturnScale(0.0, 2).apply(torch.full((7, 2), 0.1), no_ends(7, 2)).tolist() == [[1.0, 1.0]] * 7
+    size = ReturnScale(0.9, 2)
+    assert (size.deviation(), size.apply(nothing, ends).isfinite().all().item()) == (1.0, True)
+    # one payment at last: of 12 returns one is 1
+    first = torch.tensor([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    assert size.apply(first, ends)[2, 1].item() == pytest.approx(1.0 / (1 / 12 - 1 / 144) ** 0.5)
+
+
+def test_a_scale_continues_from_a_state():
+    streams = [torch.randn((4, 3), generator=torch.Generator().manual_seed(seed)) for seed in range(6)]
+    ends = [stream > 1.0 for stream in streams]
+    whole, first, second = (ReturnScale(0.9, 3) for _ in range(3))
+    expected = [whole.apply(*step).tolist() for step in zip(streams, ends, strict=True)]
+    for step in zip(streams[:3], ends[:3], strict=True):
+        first.apply(*step)
+    second.load_state(first.state())
+    assert [second.apply(*step).tolist() for step in zip(streams[3:], ends[3:], strict=True)] == expected[3:]
+    with pytest.raises(ValueError, match="of 3 environments, not of 4"):
+        ReturnScale(0.9, 4).load_state(first.state())
+    second.forget()
+    assert second.apply(streams[0], ends[0]).tolist() == expected[0]
 
 
 def test_goals_are_the_generated_function_the_human_and_the_sparse_reward():
@@ -142,49 +277,124 @@ def test_one_environment_whose_goal_is_not_finite_ends_the_training():
         return late, {"late": late, "fine": torch.ones(3)}
 
     # one of three
-    with pytest.raises(CandidateFailed, match=r"not finite in 33\.3% of the environments \(components: late\)"):
-        Reward(goal, NoBonus(), 0.7, 2.0).pay(Task())
+    with pytest.raises(CandidateFailed, match=r"not finite in 33\.3% of the epoch's states \(components: late\)"):
+        paid(Reward(goal, NoBonus(), 0.7, 2.0, NoScale(), NoScale()))
+
+
+def test_a_total_that_single_precision_cannot_hold_ends_the_training():
+    large = Reward(lambda *_: (torch.full((3,), 3e38), {}), NoBonus(), 0.0, 2.0, NoScale(), NoScale())
+    with pytest.raises(CandidateFailed, match=r"its total reward was not finite in 100\.0% of the epoch's states"):
+        paid(large)
 
 
 # The bonus.
 
 
+def ledger(cells, num_envs, factor=0.4, *, rarity=literal, size=None, life_epochs=0, each_episode=False):
+    price = Price(rarity, size or NoScale(), factor)
+    return Ledger(Counts(cells, num_envs, each_episode), price, life_epochs)
+
+
 def test_a_mapping_bonus_counts_the_outputs_in_their_order_and_shows_them_by_name():
     def mapping(variables):
-        return [torch.tensor([0.0, 3.0]), torch.tensor([0.0, -30.0])], [True, False], ["far", "deep"]
+        return [torch.tensor([0.0, 30.0, -30.0]), torch.tensor([0.0, -30.0, -30.0])], [True, False], ["far", "deep"]
 
-    visits = VisitCounts([True, False], 16, 0.4)
-    bonus, progress = MappingBonus(mapping, visits).pay({})
-    assert bonus.tolist() == pytest.approx([0.4, 0.4])
-    assert {name: value.tolist() for name, value in progress.items()} == {"far": [0.0, 3.0], "deep": [0.0, -30.0]}
-    # 4 bins of 1 for the first, 4 of 8 for the second, turned: cells (0, 0) and (3, 3)
-    assert visits.counts.nonzero().flatten().tolist() == [0, 15]
+    bonus = MappingBonus(mapping, ProgressSpace([True, False], 16, "grid"), ledger(16, 3))
+    seen, progress = bonus.see({})
+    assert seen.tolist() == [[0.0, 0.0], [30.0, -30.0], [-30.0, -30.0]]
+    assert [(name, value.tolist()) for name, value in progress.items()] == [
+        ("far", [0.0, 30.0, -30.0]),
+        ("deep", [0.0, -30.0, -30.0]),
+    ]
+    found = bonus.pay(1, seen.unsqueeze(0), no_ends(1, 3))
+    # 4 bins: m = 0 of the first and 30 of the second, turned; s = 7.5; nothing is beyond 22.3 s.
+    # bins (2, 1), (2, 2), (1, 2), so cells 9, 10 and 6
+    assert bonus.space.locate(seen.unsqueeze(0)).tolist() == [[9, 10, 6]]
+    assert found.amount[0].tolist() == pytest.approx([0.4] * 3)
+    assert found.series == {"cells_visited": 3 / 16, "new_cells": 3.0}
 
 
 def test_a_simhash_bonus_counts_the_observation_and_remembers_its_counts():
-    counts = SimHashCounts(1, 3, 0.4, 0)
-    bonus = SimHashBonus(counts)
-    paid, progress = bonus.pay({"obs_buf": torch.tensor([[1.0], [1.0], [-1.0]]), "root": torch.zeros(3, 1)})
-    assert paid.tolist() == pytest.approx([0.4 / 2**0.5, 0.4 / 2**0.5, 0.4])
+    bonus = SimHashBonus(SimHash(1, 3, 0), ledger(8, 3))
+    seen, progress = bonus.see({"obs_buf": torch.tensor([[1.0], [1.0], [-1.0]]), "root": torch.zeros(3, 1)})
     assert progress == {}
-    other = SimHashBonus(SimHashCounts(1, 3, 0.4, 0))
+    found = bonus.pay(1, seen.unsqueeze(0), no_ends(1, 3))
+    assert found.amount[0].tolist() == pytest.approx([0.4 / 2**0.5, 0.4 / 2**0.5, 0.4])
+    assert found.series == {"cells_visited": 0.25, "new_cells": 2.0}
+    other = SimHashBonus(SimHash(1, 3, 0), ledger(8, 3))
     other.load_state(bonus.state())
-    assert other.pay({"obs_buf": torch.tensor([[1.0]])})[0].tolist() == pytest.approx([0.4 / 3**0.5])
+    # a third, a fourth and a second visit... of all three environments at once: 2 + 2 and 1 + 1
+    assert other.pay(2, seen.unsqueeze(0), no_ends(1, 3)).amount[0].tolist() == pytest.approx(
+        [0.4 / 4**0.5, 0.4 / 4**0.5, 0.4 / 2**0.5]
+    )
 
 
-def test_a_rewards_state_is_its_bonuss():
-    counts = SimHashCounts(1, 3, 0.4, 0)
-    reward = Reward(fixed_goal, SimHashBonus(counts), 0.7, 2.0)
-    counts.bonus(torch.tensor([[1.0], [1.0]]))
-    assert reward.state()["counts"].tolist() == counts.counts.tolist()
-    other = SimHashCounts(1, 3, 0.4, 0)
-    Reward(fixed_goal, SimHashBonus(other), 0.7, 2.0).load_state(reward.state())
-    assert other.counts.tolist() == counts.counts.tolist()
+def test_counts_live_as_long_as_they_are_told():
+    cells, ends = torch.tensor([[1, 1]]), no_ends(1, 2)
+
+    def amounts(life_epochs):
+        book = ledger(5, 2, life_epochs=life_epochs)
+        found = []
+        for epoch in range(1, 6):
+            book.begins_anew(epoch)
+            found.append(book.pay(cells, ends).amount[0, 0].item())
+        return found
+
+    # 2, 4, 6, 8, 10 visits; or anew in the third and in the fifth epoch
+    assert amounts(0) == pytest.approx([0.4 / n**0.5 for n in (2, 4, 6, 8, 10)])
+    assert amounts(2) == pytest.approx([0.4 / n**0.5 for n in (2, 4, 2, 4, 2)])
+
+
+def test_bins_are_fixed_anew_with_the_counts():
+    def bonus(life_epochs):
+        return MappingBonus(None, ProgressSpace([True], 5, "grid"), ledger(5, 1, life_epochs=life_epochs))
+
+    for life_epochs, centre in ((0, 3.0), (2, 9.0)):
+        found = bonus(life_epochs)
+        for epoch, value in ((1, 3.0), (2, 6.0), (3, 9.0), (4, 12.0)):
+            found.pay(epoch, torch.tensor([[[value]]]), no_ends(1, 1))
+        assert found.space.state()["bins"][0, 0].item() == centre
+
+
+def test_a_price_is_a_factor_times_the_sized_rarity():
+    book = ledger(5, 2, 0.3, rarity=relative)
+    # cell 1 twice, then 2 and 1: 2 visits of 1 cell, then 4 of 2 cells; sqrt(2 / 2), then sqrt(2 / 1), sqrt(2 / 3)
+    found = book.pay(torch.tensor([[1, 1], [2, 1]]), no_ends(2, 2)).amount
+    assert found.flatten().tolist() == pytest.approx([0.3, 0.3, 0.3 * 2**0.5, 0.3 * (2 / 3) ** 0.5])
+    assert ledger(5, 2, 0.3, size=Times(5.0)).pay(torch.tensor([[1, 2]]), no_ends(1, 2)).amount.tolist() == [[1.5, 1.5]]
+
+
+def test_a_ledger_remembers_counts_and_size():
+    first = ledger(5, 2, size=ReturnScale(0.5, 2))
+    cells = [torch.randint(0, 5, (4, 2), generator=torch.Generator().manual_seed(seed)) for seed in range(3)]
+    first.pay(cells[0], no_ends(4, 2))
+    second = ledger(5, 2, size=ReturnScale(0.5, 2))
+    second.load_state(first.state())
+    for step in cells[1:]:
+        assert torch.equal(first.pay(step, no_ends(4, 2)).amount, second.pay(step, no_ends(4, 2)).amount)
+
+
+def test_a_rewards_state_is_its_bonuss_and_its_scales():
+    def made():
+        bonus = SimHashBonus(SimHash(1, 3, 0), ledger(8, 3))
+        return Reward(fixed_goal, bonus, 0.7, 2.0, ReturnScale(0.5, 3), ReturnScale(0.5, 3))
+
+    first, second = made(), made()
+    paid(first)
+    assert set(first.state()) == {
+        "bonus.counts", "bonus.visited", "goal.return", "goal.moments", "total.return", "total.moments",
+    }  # fmt: skip
+    assert first.state()["goal.return"].tolist() == [10.0, -2.0, 1.0]
+    second.load_state(first.state())
+    assert torch.equal(paid(second).total, paid(first).total)
+    assert all(torch.equal(value, second.state()[name]) for name, value in first.state().items())
 
 
 def test_no_bonus_is_zero_for_every_environment():
-    bonus, progress = NoBonus().pay({"num_envs": 3})
-    assert (bonus.tolist(), progress, NoBonus().state()) == ([0.0, 0.0, 0.0], {}, {})
+    seen, progress = NoBonus().see({"num_envs": 3})
+    assert (len(seen), progress, NoBonus().state()) == (3, {}, {})
+    found = NoBonus().pay(1, seen.unsqueeze(0), no_ends(1, 3))
+    assert (found.amount.tolist(), found.series) == ([[0.0, 0.0, 0.0]], {})
 
 
 # PPO.
@@ -195,7 +405,7 @@ def pencil(params):
     """Values that no two parameters share."""
     train = {
         "num_envs": 3, "steps_per_epoch": 3, "hidden": (1,), "activation": "relu", "normalise_observations": False,
-        "gamma": 0.5, "gae_lambda": 0.8, "reward_scale": 0.1, "passes": 2, "minibatches": 3, "clip": 0.3,
+        "gamma": 0.5, "gae_lambda": 0.8, "observation_clip": 2.5, "scaling": "none", "passes": 2, "minibatches": 3, "clip": 0.3,
         "entropy": 0.02, "value_coefficient": 0.7, "max_grad_norm": 0.6, "learning_rate": 0.004, "desired_kl": 0.013,
         "init_std": 0.4,
     }  # fmt: skip
@@ -227,7 +437,7 @@ def value_is_the_observation(ppo):
 
 
 def test_advantages_by_pencil(pencil):
-    """Gamma 1/2, lambda 0.8, so gamma lambda = 0.4; V(s) = s; rewards 10, 20, 40 times 0.1: r = 1, 2, 4.
+    """Gamma 1/2, lambda 0.8, so gamma lambda = 0.4; V(s) = s; rewards r = 1, 2, 4.
 
     First environment, states 1, 2, 3, then 4; it never ends:
         delta_2 = 4 + 0.5 x 4 - 3 = 3        A_2 = 3                     R_2 = 3 + 3 = 6
@@ -243,17 +453,11 @@ def test_advantages_by_pencil(pencil):
         delta_0 = 0.5 as above               A_0 = 0.5 - 0.4 = 0.1       R_0 = 2.1
     """
     task = Task()
-    env = TaskEnv(task, Reward(goal_of_task, NoBonus(), 0.0, 1.0), pencil.reward_scale)
-    torch.manual_seed(0)
-    observations = env.get_observations()
-    ppo = build_ppo(observations, 1, pencil)
+    trained = trainer(pencil, 5, task)
+    ppo = trained._ppo
     value_is_the_observation(ppo)
-    with torch.inference_mode():
-        for _ in range(3):
-            actions = ppo.act(observations)
-            observations, rewards, ends, extras = env.step(actions)
-            ppo.process_env_step(observations, rewards, ends, extras)
-        ppo.compute_returns(observations)
+    ppo.update = lambda: {}
+    trained.train(1, lambda *_: None, lambda _: None)
     returns = ppo.storage.returns.squeeze(-1)
     assert returns[0].tolist() == pytest.approx([3.08, 2.7, 2.1], abs=1e-6)
     assert returns[1].tolist() == pytest.approx([4.7, 3.5, 2.0], abs=1e-6)
@@ -263,23 +467,57 @@ def test_advantages_by_pencil(pencil):
     torch.testing.assert_close(ppo.storage.advantages.squeeze(-1), (raw - raw.mean()) / raw.std(), atol=1e-5, rtol=0.0)
 
 
-def test_an_epochs_series_are_unscaled_means_and_resets_follow_ends(pencil):
+def test_an_epochs_series_are_means_and_resets_follow_ends(pencil):
     task = Task()
-    env = TaskEnv(task, Reward(goal_of_task, NoBonus(), 0.0, 2.0), 0.1)
+    reward = Reward(goal_of_task, NoBonus(), 0.0, 2.0, NoScale(), Times(0.1))
+    env = TaskEnv(task, reward)
     for _ in range(3):
-        env.step(torch.zeros(3, 1))
-    # the third environment of three fails in one of three steps; total 2 (10 + 20 + 40) / 3
-    means = env.means.take()
-    assert means["terminated"] == pytest.approx(1 / 9)
-    assert means["goal"] == pytest.approx(70 / 3)
-    assert means["reward"] == pytest.approx(140 / 3)
+        assert env.step(torch.zeros(3, 1))[1].tolist() == [0.0] * 3
+    # the third environment of three fails in one of three steps; total 2 (1 + 2 + 4) / 3
+    assert env.means.take() == {"terminated": pytest.approx(1 / 9)}
+    series = reward.pay(1, no_ends(3, 3)).series
+    assert series["goal"] == pytest.approx(7 / 3)
+    assert series["reward"] == pytest.approx(14 / 3)
     assert task.resets == [(2, [False, True, True])]
     assert (env.num_envs, env.num_actions, env.max_episode_length) == (3, 1, 9)
     assert env.episode_length_buf is task.progress
 
 
+def test_an_episodes_end_is_an_end_for_scales_and_counts(pencil):
+    seen = []
+
+    class Spy(NoScale):
+        def apply(self, stream, ends):
+            seen.append(ends.tolist())
+            return super().apply(stream, ends)
+
+    reward = Reward(goal_of_task, NoBonus(), 0.0, 1.0, Spy(), Spy())
+    Trainer(Task(), reward, pencil, 5).train(1, lambda *_: None, lambda _: None)
+    # in the second step: at the time limit and by failing alike
+    assert seen == [[[False] * 3, [False, True, True], [False] * 3]] * 2
+
+
+def test_normalised_observations_are_cut_off_for_actor_and_critic_alike(pencil):
+    normalising = dataclasses.replace(pencil, normalise_observations=True)
+    torch.manual_seed(0)
+    ppo = build_ppo(observation_groups(torch.zeros(3, 1)), 1, normalising)
+    for network in (ppo.actor, ppo.critic):
+        norm = network.obs_normalizer
+        norm._mean.fill_(1.0)
+        norm._std.fill_(1.99)
+        # (x - 1) / (1.99 + 0.01): 6, 2, -2 and -6 deviations, cut off at 2.5
+        values = torch.tensor([[13.0], [5.0], [-3.0], [-11.0]])
+        assert norm(values).flatten().tolist() == [2.5, 2.0, -2.0, -2.5]
+        latent = network.get_latent(observation_groups(values))
+        assert latent.flatten().tolist() == [2.5, 2.0, -2.0, -2.5]
+    # in what is exported too
+    exported = ppo.actor.as_onnx(verbose=False)
+    assert torch.equal(exported(torch.tensor([[13.0]])), exported(torch.tensor([[1e6]])))
+
+
 def trainer(pencil, seed, task=None):
-    return Trainer(task or Task(), Reward(goal_of_task, NoBonus(), 0.0, 1.0), pencil, seed)
+    reward = Reward(goal_of_task, NoBonus(), 0.0, 1.0, NoScale(), NoScale())
+    return Trainer(task or Task(), reward, pencil, seed)
 
 
 def test_a_training_draws_from_a_generator_that_its_seed_names(pencil):
@@ -387,55 +625,106 @@ def test_a_job_is_trained_with_its_own_start_length_and_draws(small, made, tmp_p
 
 @pytest.mark.parametrize(("goal", "method"), [("human", "human_reward"), ("sparse", "sparse_reward")])
 def test_a_candidate_is_paid_the_goal_that_its_parameters_name(small, made, tmp_path, goal, method):
-    chosen = changed(small, candidate={"goal": goal, "bonus": "none", "scale": 2.0})
+    chosen = changed(small, candidate={"goal": goal, "bonus": "none", "scale": 2.0}, train={"scaling": "none"})
     train_candidate(job(tmp_path), chosen, lambda *_: None)
     task = made["task"]
     expected = getattr(task, method)()
     assert not torch.allclose(task.human_reward(), task.sparse_reward(), atol=0.1)
     # beta 0.7 of 2, no bonus: 1.3 times the goal
-    torch.testing.assert_close(made["reward"].pay(task).total, 1.3 * expected)
+    torch.testing.assert_close(paid(made["reward"], task).total[0], 1.3 * expected)
+
+
+def unscaled(small, **exploration):
+    return changed(small, candidate={"scale": 1.7}, exploration=exploration, train={"scaling": "none"})
 
 
 def test_a_generated_goal_and_a_mappings_bonus_are_weighed_by_beta_of_the_scale(small, made, tmp_path):
-    chosen = changed(small, candidate={"scale": 1.7}, exploration={"lambda_": 0.25, "cells": 100})
-    train_candidate(job(tmp_path), chosen, lambda *_: None)
-    payment = made["reward"].pay(made["task"])
+    train_candidate(job(tmp_path), unscaled(small, form="literal", lambda_=0.25, cells=100), lambda *_: None)
+    payment = paid(made["reward"], made["task"])
     goal, bonus = payment.series["goal"], payment.series["bonus"]
-    torch.testing.assert_close(payment.total, 0.7 * bonus + 1.0 * goal)
-    # 8 starts that are far apart: some cell is visited by one alone, and pays lambda
-    assert float(bonus.max()) == pytest.approx(0.25)
+    assert payment.series["reward"] == pytest.approx(0.7 * bonus + 1.0 * goal)
     assert [name for name in payment.series if name.startswith("progress/")] == ["progress/distance", "progress/speed"]
 
 
-@pytest.mark.parametrize(("discretiser", "kind", "bins"), [("grid", VisitCounts, 10), ("sum", SumCounts, 50)])
-def test_a_mapping_is_counted_as_its_discretiser_says_with_all_cells(small, made, tmp_path, discretiser, kind, bins):
+def lone(small, made, tmp_path, **exploration):
+    """What a visit pays in a cell of its own beside one with 3 visits, and a second visit of it."""
+    train_candidate(job(tmp_path), unscaled(small, **exploration), lambda *_: None)
+    book = made["reward"]._bonus.ledger
+    cells = torch.tensor([[3, 3, 3, 7, -1, -1, -1, -1]])
+    amount = book.pay(cells, no_ends(1, 8)).amount[0]
+    assert amount[4:].tolist() == [0.0] * 4
+    again = book.pay(torch.tensor([[7, *[-1] * 7]]), no_ends(1, 8)).amount[0, 0]
+    return amount[3].item(), amount[0].item(), again.item()
+
+
+def test_the_forms_of_a_bonus_are_lambda_times_what_they_say(small, made, tmp_path):
+    # 1 / sqrt(1), 1 / sqrt(3), 1 / sqrt(2)
+    expected = [0.25, 0.25 / 3**0.5, 0.25 / 2**0.5]
+    assert lone(small, made, tmp_path, form="literal", lambda_=0.25) == pytest.approx(expected)
+    # means 4 visits / 2 cells and 5 / 2; gamma 0.99: 0.01 x sqrt(2 / 1), sqrt(2 / 3), sqrt(2.5 / 2)
+    expected = [0.0025 * 2**0.5, 0.0025 * (2 / 3) ** 0.5, 0.0025 * 1.25**0.5]
+    assert lone(small, made, tmp_path, form="relative", lambda_=0.25) == pytest.approx(expected)
+    # the returns of the 8 environments' first step are the rarities themselves
+    first = torch.tensor([3**-0.5] * 3 + [1.0] + [0.0] * 4, dtype=torch.float64)
+    own, other, _ = lone(small, made, tmp_path, form="calibrated", lambda_=0.25)
+    deviation = first.std(unbiased=False).item()
+    assert (own, other) == (pytest.approx(0.25 / deviation), pytest.approx(0.25 / deviation / 3**0.5))
+
+
+def test_counts_live_as_the_parameters_say(small, made, tmp_path):
+    def book(**exploration):
+        train_candidate(job(tmp_path), changed(small, exploration=exploration), lambda *_: None)
+        return made["reward"]._bonus.ledger
+
+    found = book(lifetime="candidate", cells=100)
+    assert (found._life_epochs, found._counts.table.shape) == (0, (100,))
+    # a rung of `small` has 2 epochs
+    found = book(lifetime="rung", cells=100)
+    assert [found.begins_anew(epoch) for epoch in range(1, 6)] == [True, False, True, False, True]
+    found = book(lifetime="episode", cells=100)
+    assert (found._life_epochs, found._counts.table.shape) == (0, (8, 100))
+    # and of a run that is one iteration long, as many times more as there are iterations
+    longer = changed(small, exploration={"lifetime": "rung"}, train={"length": "run"})
+    train_candidate(job(tmp_path), longer, lambda *_: None)
+    assert made["reward"]._bonus.ledger._life_epochs == 2 * len(small.iterations)
+
+
+def test_streams_are_scaled_as_the_parameters_say(small, made, tmp_path):
+    train_candidate(job(tmp_path), small, lambda *_: None)
+    scales = (made["reward"]._goal_size, made["reward"]._total_size)
+    assert [type(scale) for scale in scales] == [ReturnScale] * 2
+    assert scales[0] is not scales[1]
+    assert [scale._gamma for scale in scales] == [small.train.gamma] * 2
+    train_candidate(job(tmp_path), unscaled(small), lambda *_: None)
+    assert type(made["reward"]._goal_size) is type(made["reward"]._total_size) is NoScale
+
+
+@pytest.mark.parametrize(("discretiser", "cells", "bins"), [("grid", 100, 10), ("sum", 99, 50)])
+def test_a_mapping_is_counted_as_its_discretiser_says_with_all_cells(small, made, tmp_path, discretiser, cells, bins):
     chosen = changed(small, exploration={"discretiser": discretiser, "cells": 100})
     train_candidate(job(tmp_path), chosen, lambda *_: None)
-    counts = made["reward"]._bonus._counts
-    assert type(counts) is kind
+    bonus = made["reward"]._bonus
     # two variables: 10 x 10 = 100; 2 (50 - 1) + 1 = 99
-    assert counts.space.bins == bins
+    assert (bonus.space.cells, bonus.space.bins, len(bonus.ledger._counts.table)) == (cells, bins, cells)
     # both fall as the task is done
-    assert counts.space.turn(torch.tensor([[1.0, 2.0]])).tolist() == [[-1.0, -2.0]]
+    assert bonus.space._signs.tolist() == [-1.0, -1.0]
 
 
 def test_a_simhash_follows_from_the_jobs_seed(small, made, tmp_path):
-    chosen = changed(
-        small, candidate={"bonus": "simhash"}, exploration={"simhash_bits": 3, "lambda_": 0.25, "cells": 100}
-    )
+    chosen = changed(small, candidate={"bonus": "simhash"}, exploration={"simhash_bits": 3, "cells": 100})
     projections = {}
     for seed in (5, 6):
         train_candidate(job(tmp_path, seed=seed), chosen, lambda *_: None)
-        projections[seed] = made["reward"]._bonus._counts.projection
-    assert torch.equal(projections[5], SimHashCounts(21, 3, 0.25, named('[5,"simhash"]')).projection)
+        projections[seed] = made["reward"]._bonus.hashes.projection
+    assert torch.equal(projections[5], SimHash(21, 3, named('[5,"simhash"]')).projection)
     assert not torch.equal(projections[5], projections[6])
-    assert float(made["reward"]._bonus.pay({"obs_buf": torch.ones(1, 21)})[0]) == pytest.approx(0.25)
+    assert made["reward"]._bonus.ledger._counts.table.shape == (8,)
 
 
 def test_where_there_is_no_bonus_the_mapping_is_not_asked(small, made, tmp_path):
     chosen = changed(small, candidate={"bonus": "none"})
     train_candidate(job(tmp_path, mapping_program=""), chosen, lambda *_: None)
-    assert made["reward"].pay(made["task"]).series["bonus"].tolist() == [0.0] * 8
+    assert paid(made["reward"], made["task"]).series["bonus"] == 0.0
 
 
 # Rungs: who is trained, from what, with which draws.

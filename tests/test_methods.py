@@ -5,7 +5,7 @@ import dataclasses
 
 import pytest
 
-from porse.config import Params, parse_params
+from porse.config import Params, leaves, parse_params
 from porse.errors import ParamsError
 from porse.methods import ABLATIONS, METHODS, overridden
 from porse.report.figures import (
@@ -102,9 +102,18 @@ def test_an_unknown_method_is_refused_with_its_nearest_name():
         parsed("eureca")
 
 
-def test_too_many_summed_cells_are_refused_with_their_limit():
-    with pytest.raises(ParamsError, match=r"at most 1872 where exploration\.discretiser is sum"):
-        parsed("llmcount", "cells-3000")
+def test_sums_may_have_as_many_cells_as_grids():
+    assert parsed("llmcount", "cells-3000").exploration.cells == 3000
+
+
+def test_the_literal_bonus_changes_the_form_lambda_and_scaling_and_nothing_else():
+    usual, literal = (
+        dict(leaves(overridden({**committed_params(), "ablation": name}, "params.yaml")))
+        for name in ("none", "literal-bonus")
+    )
+    assert {name: value for name, value in literal.items() if value != usual[name]} == {
+        "ablation": "literal-bonus", "exploration.form": "literal", "exploration.lambda": 0.01, "train.scaling": "none",
+    }  # fmt: skip
 
 
 def test_the_human_normalised_score_of_the_papers_swingcup():

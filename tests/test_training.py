@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from meaning_cases import changed
 from porse import numerics, tables
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.errors import CheckpointError, ParamsError
@@ -70,6 +71,39 @@ def small_start(small, tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.parametrize(
+    ("bonus", "lifetime", "form"),
+    [
+        ("mapping", "candidate", "relative"),
+        ("mapping", "rung", "calibrated"),
+        ("mapping", "episode", "literal"),
+        ("simhash", "rung", "relative"),
+        ("none", "candidate", "relative"),
+    ],
+)
+def test_a_training_split_anywhere_gives_the_same_bits(small, small_start, tmp_path, bonus, lifetime, form):
+    """Rungs of `small` have 2 epochs: the first cut is within one, the second at its end."""
+    chosen = changed(small, candidate={"bonus": bonus}, exploration={"lifetime": lifetime, "form": form})
+    whole = job(small_start, tmp_path / "whole", until=5)
+    expected = train_candidate(whole, chosen, lambda *_: None).rows
+    for cut in (1, 2):
+        rows = train_candidate(job(small_start, tmp_path / "half", until=cut), chosen, lambda *_: None).rows
+        rows += train_candidate(job(tmp_path / "half", tmp_path / "two", until=5), chosen, lambda *_: None).rows
+        assert rows == expected
+        assert digest(tmp_path / "two") == digest(tmp_path / "whole")
+
+
+def test_counts_of_a_rung_begin_with_it_and_those_of_a_candidate_go_on(small, small_start, tmp_path):
+    new = {}
+    for lifetime in ("candidate", "rung"):
+        chosen = changed(small, exploration={"lifetime": lifetime})
+        rows = train_candidate(job(small_start, tmp_path / "x", until=4), chosen, lambda *_: None).rows
+        new[lifetime] = [value for _, series, value in rows if series == "new_cells"]
+    assert new["candidate"][:2] == new["rung"][:2]
+    # the third epoch of a candidate finds few new cells, the first one of a rung nothing else
+    assert new["rung"][2] > 2.0 * new["candidate"][2]
+
+
 def test_another_seed_gives_another_policy(small, small_start, tmp_path):
     for seed in (1, 2):
         train_candidate(job(small_start, tmp_path / f"{seed}.safetensors", seed=seed), small, lambda *_: None)
@@ -80,12 +114,13 @@ def test_every_series_is_written_down_at_every_epoch(small, small_start, tmp_pat
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors"), small, lambda *_: None)
     series = [name for epoch, name, _ in outcome.rows if epoch == 2]
     assert series == [
-        "fitness", "goal", "bonus", "component/closeness", "component/tilt", "component/upright", "progress/distance",
-        "progress/speed", "reward", "terminated",
+        "fitness", "goal", "bonus", "goal_size", "bonus_size", "bonus_share", "cells_visited", "new_cells",
+        "component/closeness", "component/tilt", "component/upright", "progress/distance", "progress/speed", "reward",
+        "terminated",
     ]  # fmt: skip
     values = {name: value for epoch, name, value in outcome.rows if epoch == 2}
-    # beta = 1 and scale = 2: R_total = 1 R_e + 1 R_g
-    assert values["reward"] == pytest.approx(values["goal"] + values["bonus"], abs=1e-6)
+    assert 0.0 < values["bonus_share"] < 1.0
+    assert 0.0 < values["cells_visited"] < 1.0
     assert values["goal"] == pytest.approx(
         values["component/closeness"] + 0.2 * values["component/upright"] - 0.01 * values["component/tilt"], abs=1e-6
     )
@@ -93,7 +128,7 @@ def test_every_series_is_written_down_at_every_epoch(small, small_start, tmp_pat
 
 def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_nothing(small, small_start, tmp_path):
     outcome = train_candidate(job(small_start, tmp_path / "x.safetensors", NOT_FINITE), small, lambda *_: None)
-    assert outcome.failure == "its reward was not finite in 100.0% of the environments (components: late), in epoch 2"
+    assert outcome.failure == "its reward was not finite in 50.0% of the epoch's states (components: late), in epoch 2"
     assert outcome.rows == []
     assert not (tmp_path / "x.safetensors").exists()
 
@@ -141,7 +176,7 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
         monkeypatch.setenv(WORKERS_VARIABLE, count)
         train_rung(read_pool(tmp_path / "pool"), small, 1, "1", 2, tmp_path / count)
         said = capsys.readouterr().out
-        assert "iteration 1 rung 1: bad failed: its reward was not finite in 100.0% of the environments" in said
+        assert "iteration 1 rung 1: bad failed: its reward was not finite in 50.0% of the epoch's states" in said
         assert "iteration 1 rung 1: 3 candidates, " in said
     assert folder_digest(tmp_path / "1") == folder_digest(tmp_path / "3")
     trained = read_pool(tmp_path / "3")
@@ -202,19 +237,17 @@ class FakeTask:
 
 
 class FakeReward:
-    def pay(self, task):
-        from porse.training.reward import Payment
-
-        return Payment(torch.tensor([1.0, 2.0]), {})
+    def see(self, task):
+        assert task.reset_mask is None
 
 
-def test_only_the_time_limit_counts_as_a_time_out_and_rewards_are_scaled():
+def test_only_the_time_limit_counts_as_a_time_out_and_a_step_pays_nothing():
     task = FakeTask()
-    _, rewards, ends, extras = TaskEnv(task, FakeReward(), 0.1).step(torch.zeros(2, 1))
+    _, rewards, ends, extras = TaskEnv(task, FakeReward()).step(torch.zeros(2, 1))
     assert ends.tolist() == [True, True]
     assert extras["time_outs"].tolist() == [0.0, 1.0]
     assert task.reset_mask.tolist() == [True, True]
-    torch.testing.assert_close(rewards, torch.tensor([0.1, 0.2]))
+    assert rewards.tolist() == [0.0, 0.0]
 
 
 def test_a_checkpoint_reads_back_with_its_shapes_and_types(tmp_path):

@@ -62,36 +62,36 @@ class Counts:
         flat = self.table.view(-1)
         counted = cells >= 0
         places = self._counters * self._cells + cells.clamp_min(0)
-        own, mean = torch.zeros_like(cells), torch.zeros(cells.shape, dtype=torch.float64)
+        own, before = torch.zeros_like(cells), torch.zeros_like(cells)
         for step, (place, weight) in enumerate(zip(places, counted.long(), strict=True)):
-            first = (flat[place] == 0) & counted[step]
+            before[step] = flat[place]
             flat.index_add_(0, place, weight)
             own[step] = flat[place]
-            self._count_new(first, own[step])
-            self._total.index_add_(0, self._counters, weight)
-            mean[step] = (self._total / self._distinct.clamp_min(1.0))[self._counters]
             if self._each_episode:
-                self._end(ends[step])
-        before = int(self._visited.sum())
+                self.table[ends[step]] = 0
+        # Of n environments that meet in a new cell, which then has n visits, each brings an n-th of it.
+        brought = torch.where(counted & (before == 0), own.double().reciprocal(), 0.0)
+        total, distinct = self._add_up(self._total, counted.double(), ends), self._add_up(self._distinct, brought, ends)
+        self._sum_up()
+        known = int(self._visited.sum())
         self._visited[cells[counted]] = True
-        return Visits(torch.where(counted, own, 0), mean, int(self._visited.sum()) - before)
+        mean = (total / distinct.clamp_min(1.0)).expand(cells.shape)
+        return Visits(torch.where(counted, own, 0), mean, int(self._visited.sum()) - known)
 
-    def _count_new(self, first: Tensor, own: Tensor) -> None:
-        """Adds to the distinct cells those that are visited for the first time, by several environments perhaps."""
-        # Of n environments that meet in a new cell, which now has n visits, each brings an n-th of it.
-        parts = torch.where(first, own.double().reciprocal(), 0.0)
-        self._distinct += torch.zeros_like(self._distinct).index_add_(0, self._counters, parts).round()
-
-    def _end(self, ended: Tensor) -> None:
-        """Forgets the visits of episodes that have ended."""
-        self.table[ended] = 0
-        self._total[ended] = 0
-        self._distinct[ended] = 0.0
+    def _add_up(self, so_far: Tensor, gains: Tensor, ends: Tensor) -> Tensor:
+        """Returns whole numbers added up step by step, each counter's by itself, (steps, counters); an end sets them to 0."""
+        if not self._each_episode:
+            return so_far + gains.sum(dim=1, keepdim=True).round().cumsum(dim=0)
+        sums = []
+        for gain, end in zip(gains, ends, strict=True):
+            sums.append(so_far + gain)
+            so_far = torch.where(end, 0.0, sums[-1])
+        return torch.stack(sums)
 
     def _sum_up(self) -> None:
-        """Counts visits and visited cells of each counter from the table."""
+        """Adds up visits and visited cells of each counter, (counters,) float64, from the table."""
         table = self.table.view(-1, self._cells)
-        self._total = table.sum(dim=1)
+        self._total = table.sum(dim=1).double()
         self._distinct = (table > 0).sum(dim=1).double()
 
     def state(self) -> dict[str, Tensor]:

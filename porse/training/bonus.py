@@ -12,7 +12,7 @@ from porse.functions.run.execute import MappingFunction
 from porse.training.scale import Scale
 
 Seen = tuple[Tensor, Mapping[str, Tensor]]
-"""What is counted of one step, (num_envs, ...), and the progress variables by name, (num_envs,) each."""
+"""What is counted of one step, (num_envs, ...), in memory of its own, and the progress variables by name, (num_envs,) each."""
 
 
 @dataclass(frozen=True)

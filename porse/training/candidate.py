@@ -51,15 +51,22 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
 
 def _trained(job: Job, params: Params, report: Callable[[int, float], None], before: Callable[[int], None]) -> Outcome:
     task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
-    goal_size, total_size = _scale(params), _scale(params)
-    reward = Reward(
-        _goal(job, params), _bonus(job, task, params), job.beta, params.candidate.scale, goal_size, total_size
-    )
-    trainer = Trainer(task, reward, params.train, job.seed)
+    trainer = Trainer(task, reward_of(job, task, params), params.train, job.seed)
     trainer.load(job.start)
     rows = trainer.train(job.until, report, before)
     trainer.save(job.finish)
     return Outcome([(row.epoch, row.series, row.value) for row in rows], "")
+
+
+def reward_of(job: Job, task: Task, params: Params) -> Reward:
+    """Returns what pays in a candidate's training on `task`.
+
+    Raises:
+        CodeError: a function cannot be run.
+    """
+    goal_size, total_size = _scale(params), _scale(params)
+    bonus = _bonus(job, task, params)
+    return Reward(_goal(job, params), bonus, job.beta, params.candidate.scale, goal_size, total_size)
 
 
 def _goal(job: Job, params: Params) -> Goal:

@@ -73,13 +73,12 @@ class Reward:
             seen, progress = self._bonus.see(variables)
         except CodeError as error:
             raise CandidateFailed(f"its function raised in training: {error}") from error
-        series = {"goal": goal}
-        series |= {f"component/{name}": value for name, value in sorted(components.items())}
-        series |= {f"progress/{name}": value for name, value in progress.items()}
-        self._names = tuple(series)
-        # Copies: what a function returns may be the simulation's own memory.
-        self._values.append(torch.stack([value.float() for value in series.values()]))
-        self._seen.append(seen.clone())
+        names = sorted(components)
+        self._names = ("goal", *(f"component/{name}" for name in names), *(f"progress/{name}" for name in progress))
+        values = [goal, *(components[name] for name in names), *progress.values()]
+        # A copy: what a function returns may be the simulation's own memory.
+        self._values.append(torch.stack([value.float() for value in values]))
+        self._seen.append(seen)
 
     def pay(self, epoch: int, ends: Tensor) -> Payment:
         """Returns the payment for the states that were seen since the last one, a whole epoch.
@@ -164,9 +163,10 @@ def deviation(values: Tensor) -> float:
 
 def _check_values(names: Sequence[str], values: Tensor) -> None:
     """Raises CandidateFailed where values (steps, names, num_envs), the goal's first, are not finite."""
-    finite = values.isfinite()
-    if bool(finite.all()):
+    # One that is not finite leaves no finite sum; the other way round it need not be.
+    if math.isfinite(float(values.sum())):
         return
+    finite = values.isfinite()
     guilty = [name for name, fine in zip(names, finite.all(dim=2).all(dim=0).tolist(), strict=True) if not fine]
     if "goal" in guilty:
         parts = [name.removeprefix("component/") for name in guilty if name.startswith("component/")]

@@ -81,14 +81,12 @@ class ReturnScale:
 
     def _returns(self, stream: Tensor, ends: Tensor) -> Tensor:
         """Returns the discounted return up to each step, (steps, num_envs), and goes on from its end."""
-        returns = torch.empty_like(stream)
-        goes_on = (~ends).double()
-        running = self._return
-        for step in range(len(stream)):
-            returns[step] = running * self._gamma + stream[step]
-            running = returns[step] * goes_on[step]
-        self._return = running.clone()
-        return returns
+        running, returns = self._return, []
+        for reward, goes_on in zip(stream, (~ends).double(), strict=True):
+            returns.append(running * self._gamma + reward)
+            running = returns[-1] * goes_on
+        self._return = running
+        return torch.stack(returns)
 
     def _learn(self, returns: Tensor) -> None:
         """Joins the moments of an epoch's returns to those so far (Chan et al.)."""
