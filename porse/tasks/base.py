@@ -49,8 +49,11 @@ class Task(ABC):
         MEASURED: attributes that neither the physics state nor the other saved state gives back, saved as they are.
         VARIABLES: what generated functions may read.
         OBSERVATION_HELPERS: functions that `compute_observations` calls and prompts show with it.
+        OVER_EPISODES: whether `fitness` is a statistic over the episodes that ended, and an epoch's fitness what it is at
+            the epoch's end; else it is of the present state, and an epoch's is its mean over the steps.
         num_envs: number of environments.
-        progress: steps of the running episodes, int64 `(num_envs,)`.
+        progress: age of the running episodes, int64 `(num_envs,)`: their steps, and what `stagger` drew.
+        whole: which of them began at age 0, bool `(num_envs,)`; one that did not is cut short.
         blown_up: simulations that diverged so far; each was started again.
     """
 
@@ -68,6 +71,7 @@ class Task(ABC):
     MEASURED: ClassVar[tuple[str, ...]] = ()
     VARIABLES: ClassVar[tuple[Variable, ...]]
     OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = ()
+    OVER_EPISODES: ClassVar[bool] = False
 
     def __init__(self, num_envs: int, seed: int, threads: int) -> None:
         """Builds the scene and starts every episode.
@@ -90,6 +94,7 @@ class Task(ABC):
         self.control_dt = self.CONTROL_DT
         self.blown_up = 0
         self.progress = torch.zeros(num_envs, dtype=torch.int64)
+        self.whole = torch.ones(num_envs, dtype=torch.bool)
         self.actions = torch.zeros(num_envs, self.NUM_ACTIONS)
         self._generator = torch.Generator().manual_seed(seed)
         self._diverged = torch.zeros(num_envs, dtype=torch.bool)
@@ -144,6 +149,14 @@ class Task(ABC):
     @abstractmethod
     def sparse_reward(self) -> Tensor:
         """Returns the fitness as a reward of each step, float32 `(num_envs,)`."""
+
+    def episode_outcome(self, mean_sparse_reward: Tensor) -> Tensor:
+        """Returns what the running episodes are worth if they end now, `(num_envs,)`: here their mean fitness.
+
+        Args:
+            mean_sparse_reward: the mean of `sparse_reward` over the steps of each, `(num_envs,)`.
+        """
+        return mean_sparse_reward
 
     def human_reward(self) -> Tensor:
         """Returns the reward that people wrote for the original task, float32 `(num_envs,)`; else the sparse one."""
@@ -206,9 +219,27 @@ class Task(ABC):
         if self.FIELDS:
             self._physics.refresh(ids)
         self.progress[ids] = 0
+        self.whole[ids] = True
         self.actions[ids] = 0.0
         self._diverged[ids] = False
         self._measure_started(ids)
+
+    def stagger(self, seed: int) -> None:
+        """Gives each running episode an age from 0 up to the time limit, as if it had begun so long ago.
+
+        All phases of an episode are then met in every step, instead of one after the other. States stay as they are. Each age
+        is uniform by itself; together they are spread evenly, one in each of `num_envs` equal stretches of an episode. Ages drawn
+        apart from each other leave gaps and crowds, which come back with every episode for as long as nothing else ends one.
+
+        Args:
+            seed: of the draw, which leaves the task's own generator alone.
+        """
+        generator = torch.Generator().manual_seed(seed)
+        stretches = torch.randperm(self.num_envs, generator=generator)
+        within = torch.randint(self.TIME_LIMIT, (self.num_envs,), generator=generator)
+        # Whole numbers all the way: the dividend is uniform on 0 to num_envs TIME_LIMIT - 1.
+        self.progress = (stretches * self.TIME_LIMIT + within) // self.num_envs
+        self.whole = self.progress == 0
 
     @property
     def obs_buf(self) -> Tensor:
@@ -228,6 +259,7 @@ class Task(ABC):
             "blown_up": torch.tensor(self.blown_up),
             "diverged": self._diverged.clone(),
             "progress": self.progress.clone(),
+            "whole": self.whole.clone(),
             "actions": self.actions.clone(),
         }
         return saved | {f"measured/{name}": getattr(self, name).clone() for name in self.MEASURED}
@@ -244,6 +276,7 @@ class Task(ABC):
         self.blown_up = int(state["blown_up"])
         self._diverged = state["diverged"].clone()
         self.progress = state["progress"].clone()
+        self.whole = state["whole"].clone()
         self.actions = state["actions"].clone()
         for name in self.MEASURED:
             setattr(self, name, state[f"measured/{name}"].clone())

@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from porse.tasks.base import Task
+from porse.training.fitness import EpochFitness
 from porse.training.reward import EpochMeans, Reward
 
 
@@ -28,11 +29,13 @@ class TaskEnv(VecEnv):
         task: the task that is trained on.
         reward: what pays.
         means: the series of the running epoch, in the reward's own scale.
+        fitness: the fitness of the running epoch.
     """
 
     def __init__(self, task: Task, reward: Reward, reward_scale: float) -> None:
         self._reward_scale = reward_scale
         self.task, self.reward, self.means = task, reward, EpochMeans()
+        self.fitness = EpochFitness()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
         self.max_episode_length = task.EPISODE_LENGTH
@@ -58,6 +61,7 @@ class TaskEnv(VecEnv):
             CandidateFailed: the reward's functions failed.
         """
         self.task.step(actions)
+        self.fitness.add(self.task)
         payment = self.reward.pay(self.task)
         terminated, timed_out = self.task.terminated(), self.task.timed_out()
         self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
