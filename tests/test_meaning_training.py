@@ -20,8 +20,8 @@ from porse.training import probing as probing_module
 from porse.training import rung as rung_module
 from porse.training.bonus import MappingBonus, NoBonus, SimHashBonus
 from porse.training.candidate import train_candidate
-from porse.training.evaluation import evaluate
 from porse.training.episodes import Episode, play_episodes
+from porse.training.evaluation import evaluate
 from porse.training.fitness import EpochFitness
 from porse.training.goal import generated, human, sparse
 from porse.training.job import Job, Outcome

@@ -93,14 +93,18 @@ def test_the_best_incumbent_stays_until_its_score_is_exceeded(params, score, sta
     # (2 + 0) / 2 = 1
     earlier = incumbent([candidate("old", 0)], curves(old=[2.0, 0.0]), [], [], [], best)
     assert (feedback_mts(earlier.feedback), earlier.score["score"], earlier.is_new) == (2.0, 1.0, True)
-    later = incumbent([candidate("new", 0)], curves(new=[score]), [earlier.row], [earlier.score], earlier.feedback, best)
+    later = incumbent(
+        [candidate("new", 0)], curves(new=[score]), [earlier.row], [earlier.score], earlier.feedback, best
+    )
     assert (later.row["candidate_id"] == "old") == stays == (not later.is_new)
     assert later.score["score"] == max(score, 1.0)
 
 
 def test_the_latest_winner_is_the_incumbent_even_when_it_is_worse(params):
     earlier = incumbent([candidate("old", 0)], curves(old=[2.0]), [], [], [], params)
-    later = incumbent([candidate("new", 0)], curves(new=[1.0]), [earlier.row], [earlier.score], earlier.feedback, params)
+    later = incumbent(
+        [candidate("new", 0)], curves(new=[1.0]), [earlier.row], [earlier.score], earlier.feedback, params
+    )
     assert later.row["candidate_id"] == "new"
 
 
