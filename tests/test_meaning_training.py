@@ -71,6 +71,8 @@ class Task:
     def reset(self, mask):
         self.resets.append((self.steps, mask.tolist()))
 
+    renew = reset
+
     def stagger(self, seed):
         self.staggered.append(seed)
 
@@ -342,7 +344,7 @@ def test_a_step_without_a_finite_fitness_spoils_its_epoch_and_no_other():
     assert fitness.take() == 3.5
 
 
-def test_ages_are_staggered_where_a_training_starts_and_not_where_it_goes_on(pencil, tmp_path):
+def test_episodes_are_staggered_where_a_training_starts_and_not_where_it_goes_on(pencil, tmp_path):
     task = Task()
     first = trainer(pencil, 5, task)
     write_checkpoint(tmp_path / "policy.safetensors", draw_policy(1, 1, pencil, 0))

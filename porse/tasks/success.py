@@ -14,7 +14,7 @@ class SuccessTask(Task):
 
     After each step an environment counts as its episode's outcome where the episode just ended, and otherwise as
     before: as the last mean over all environments, or, with `PER_ENV_STATISTIC`, as its own last outcome. The
-    statistic is the mean of that. An episode that began at a drawn age is cut short, and no outcome: that it was not
+    statistic is the mean of that. An episode with a head start is cut short, and has no outcome: that it was not
     solved says nothing.
 
     Attributes:
@@ -53,7 +53,7 @@ class SuccessTask(Task):
 
     def _finished(self) -> Tensor:
         """Returns which environments have an outcome in this step, bool `(num_envs,)`: a whole episode has ended."""
-        return (self.terminated() | self.timed_out()) & self.whole
+        return (self.terminated() | self.timed_out()) & (self.head_start == 0)
 
     def episode_outcome(self, mean_sparse_reward: Tensor) -> Tensor:
         """Returns what the running episodes have come to, `(num_envs,)`."""

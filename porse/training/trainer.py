@@ -72,7 +72,7 @@ class Trainer:
     def load(self, path: Path) -> None:
         """Goes on from the file at `path`: a policy starts at epoch 0, a checkpoint where it was written.
 
-        Where it starts, episodes get staggered ages: an epoch is shorter than an episode, and would else show one phase of it.
+        Where it starts, episodes are staggered: an epoch is shorter than an episode, and would else show one phase of it.
 
         Raises:
             CheckpointError: the file is missing, damaged, or of other networks.

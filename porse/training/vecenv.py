@@ -67,6 +67,6 @@ class TaskEnv(VecEnv):
         self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
         ends = terminated | timed_out
         if bool(ends.any()):
-            self.task.reset(ends)
+            self.task.renew(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
         return self.get_observations(), self._reward_scale * payment.total.float(), ends, extras
