@@ -150,7 +150,7 @@ def show_methods() -> None:
     "--metrics", "path", default="metrics.json", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
 )
 def show_results(path: Path) -> None:
-    """Print MTS by iteration from a run's metrics, as Markdown."""
+    """Print score and MTS by iteration, and final success, from a run's metrics, as Markdown."""
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

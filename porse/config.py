@@ -142,7 +142,7 @@ class TrainParams(Section):
     """One policy's training by PPO."""
 
     rung_epochs: Annotated[int, Range(1, 10**6)]
-    length: Literal["iteration", "run"]
+    length: Literal["iteration", "lineage", "budget"]
     num_envs: Annotated[int, Range(2, 2**17)]
     steps_per_epoch: Annotated[int, Range(1, 2**17)]
     hidden: Sequence[Annotated[int, Range(1, 2**13)]]
@@ -180,6 +180,7 @@ class EliminateParams(Section):
     """How candidates are ranked, and how many go on."""
 
     keep: Literal["rungs", "all", "one"]
+    score: Literal["mean", "max"]
     window: Positive
 
 
@@ -210,17 +211,26 @@ class FuseParams(Section):
 
 @dataclass(frozen=True)
 class EvaluateParams(Section):
-    """How far the winner's training depends on its seed."""
+    """How good the winner is, and how far its training depends on its seed."""
 
     seeds: Few
+    episodes: Annotated[int, Range(2, 2**17)]
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """MTS of one policy trained as long as a winning lineage, and for the whole budget."""
+
+    lineage: float
+    budget: float
 
 
 @dataclass(frozen=True)
 class Reference:
-    """MTS of the two methods that the human normalised score is measured against."""
+    """What the human normalised score is measured against."""
 
-    human: float
-    sparse: float
+    human: Lengths
+    sparse: Lengths
 
 
 @dataclass(frozen=True)

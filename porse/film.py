@@ -1,41 +1,24 @@
 """A task in motion: frames under a policy or random actions, written as .gif or shown in MuJoCo's viewer."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import imageio.v3 as imageio
 import torch
-from torch import Tensor
 
-from porse.checkpoint import read_checkpoint
-from porse.config import Params
 from porse.tasks.base import Task
 from porse.tasks.picture import camera, first_simulation
-from porse.training.ppo import build_ppo
-from porse.training.snapshot import load_policy
-from porse.training.vecenv import observation_groups
+from porse.training.actor import Actor
 
 WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25
 SEED = 0
-
-Actor = Callable[[Tensor], Tensor]
-"""Observations `(num_envs, observations)` -> actions `(num_envs, actions)`."""
 
 
 def random_actor(task: Task) -> Actor:
     """Returns random actions, the same ones each time."""
     generator = torch.Generator().manual_seed(SEED)
     return lambda _: 2.0 * torch.rand(task.num_envs, task.NUM_ACTIONS, generator=generator) - 1.0
-
-
-def policy_actor(task: Task, checkpoint: Path, params: Params) -> Actor:
-    """Returns the mean action of the policy in a file."""
-    content = read_checkpoint(checkpoint)
-    ppo = build_ppo(observation_groups(task.observations()), task.NUM_ACTIONS, params.train)
-    load_policy(ppo, content, checkpoint)
-    ppo.eval_mode()
-    return lambda observations: ppo.actor(observation_groups(observations))
 
 
 def _steps(task: Task, actor: Actor, seconds: float) -> Iterator[int]:

@@ -54,14 +54,15 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
     in_viewer = out is None and _has_display()
     if not in_viewer:
         _choose_renderer()
-    from porse.film import SEED, policy_actor, random_actor, view, write_gif
+    from porse.film import SEED, random_actor, view, write_gif
     from porse.tasks import make_task
+    from porse.training.actor import policy_actor
 
     shown = make_task(task, 1, SEED)
     actor = random_actor(shown)
     if checkpoint:
         params = load_params(path)
-        actor = policy_actor(shown, _winners(checkpoint, params) if checkpoint.is_dir() else checkpoint, params)
+        actor = policy_actor(shown, _winners(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train)
     if in_viewer:
         view(shown, actor, seconds)
         return

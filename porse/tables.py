@@ -165,9 +165,10 @@ CURVES = Table(
             "value",
             _REAL,
             "mean over environments and the epoch's steps, goal and bonus before they are weighed, reward the total before it"
-            " is scaled for PPO; fitness: at the epoch's last step; goal_size and bonus_size: standard deviation of what each"
-            " adds to the total, and bonus_share bonus_size over that of the total, 0 without a bonus; cells_visited: the share"
-            " of the cells visited so far, 0 to 1; new_cells: how many were first visited in this epoch",
+            " is scaled for PPO; a fitness over episodes: at the epoch's end; goal_size and bonus_size: standard deviation of"
+            " what each adds to the total, and bonus_share bonus_size over that of the total, 0 without a bonus;"
+            " cells_visited: the share of the cells visited so far, 0 to 1; new_cells: how many were first visited in this"
+            " epoch",
         ),
     ),
 )
@@ -181,7 +182,7 @@ SCORES = Table(
         _RUNG,
         _CANDIDATE,
         Column("rank", _INT, "0: best"),
-        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window); 0 when it failed", "finite"),
+        Column("score", _REAL, "what ranks it (eliminate.score), ties by mts; 0 when it failed", "finite"),
         Column("mts", _REAL, "highest fitness of the iteration so far; 0 when it failed", "finite"),
         Column(
             "failed", _FLAG, "whether its training ended early, or another probe beat it; such a candidate ranks last"
@@ -199,7 +200,7 @@ SURVIVORS = Table(
         _RUNG,
         Column("rank", _INT, "0: best"),
         _CANDIDATE,
-        Column("fitness", _REAL, "mean fitness over the last epochs (eliminate.window)", "finite"),
+        Column("score", _REAL, "what ranked it (eliminate.score)", "finite"),
     ),
     also=("iteration", "rung", "candidate_id"),
 )
@@ -261,7 +262,30 @@ EVALUATION = Table(
         _ITERATION,
         _CANDIDATE,
         Column("epoch", _INT, "epoch of the iteration, from 1"),
-        Column("fitness", _REAL, "fitness at the epoch's last step", "finite"),
+        Column("fitness", _REAL, "the epoch's fitness, as in the curves table", "finite"),
+    ),
+)
+
+SEEDS = Table(
+    "seeds",
+    "one further seed that the chain of winners was trained with",
+    ("seed",),
+    (
+        Column("seed", _INT, "which of the further seeds, from 1"),
+        Column("links", _INT, "links of the chain that were trained to their end"),
+        Column("failure", _TEXT, "why the training of the next link ended early, else empty"),
+    ),
+)
+
+EPISODES = Table(
+    "episodes",
+    "one whole episode that the mean action of the run's winner played",
+    ("episode",),
+    (
+        Column("episode", _INT, "which of them, from 0; each is the first of an environment of its own"),
+        _CANDIDATE,
+        Column("steps", _INT, "control steps that it took"),
+        Column("outcome", _REAL, "whether it was solved, 1 or 0; else its mean fitness over the steps", "finite"),
     ),
 )
 
@@ -276,7 +300,7 @@ ITERATIONS = Table(
         Column("alpha", _REAL, "the winner's share of the previous winner, 1", "finite"),
         Column("mts", _REAL, "highest fitness that any training of the iteration reached", "finite"),
         Column("winner_mts", _REAL, "highest fitness of the winner's training", "finite"),
-        Column("fitness", _REAL, "the winner's fitness over its last epochs", "finite"),
+        Column("score", _REAL, "the winner's score, by which it won (eliminate.score)", "finite"),
         Column("epochs", _INT, "epochs spent on all candidates"),
         Column("environment_steps", _INT, "environment steps of those epochs"),
         Column("replies", _INT, "replies with a function in them that were read"),
@@ -300,6 +324,8 @@ TABLES = {
         MEMBER_FEEDBACK,
         ITERATIONS,
         EVALUATION,
+        SEEDS,
+        EPISODES,
     )
 }
 

@@ -1,4 +1,4 @@
-"""Stage evaluate: trains the winning lineage again with further seeds."""
+"""Stage evaluate: trains the winning lineage again with further seeds, and lets the run's winner play."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from porse.stage import StageCommand, begin, folder, run_stage, say, write_manif
 @folder("run")
 @folder("out")
 def main(run: Path, out: Path) -> None:
-    """Writes the evaluation table."""
+    """Writes the tables evaluation, seeds and episodes."""
     params = begin()
     write_manifest()
     from porse.steps.evaluate import evaluate

@@ -42,7 +42,7 @@ def tiny_params() -> dict[str, Any]:
     ]
     params["mutate"] |= {"pool": "eliminate-1", "mutants": 1}
     params["fuse"]["pool"] = "eliminate-mutants"
-    params["evaluate"]["seeds"] = 1
+    params["evaluate"] |= {"seeds": 1, "episodes": 8}
     return params
 
 

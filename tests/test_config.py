@@ -95,6 +95,7 @@ def test_an_extra_field_of_a_request_may_be_whatever_json_holds(document):
         ("exploration.cells", 10**12, ["exploration.cells", "1e+06"]),
         ("generate.candidates", 10**6, ["generate.candidates", "[1, 1000]"]),
         ("evaluate.seeds", 10**6, ["evaluate.seeds", "[0, 1000]"]),
+        ("evaluate.episodes", 1, ["evaluate.episodes", "[2, 131072]"]),
         ("iterations", [{"n": 1, "next": 1}], ["iterations[0].next", "a folder's name of its own"]),
         ("iterations", [{"n": 1, "next": "../x"}], ["iterations[0].next", "letters, digits and dashes"]),
         ("iterations", [{"n": 1, "next": 3}, {"n": 2, "next": 3}], ["iterations[0].next", "2, the iteration after it"]),

@@ -348,6 +348,10 @@ def test_an_evaluation_leaves_out_what_fails_and_is_the_same_in_both_executors(s
         ]
         found.append(evaluate(chain, 2, seeds, tmp_path / executor))
     assert found[0] == found[1]
-    assert [(row["candidate_id"], row["seed"], row["epoch"]) for row in found[0]] == [
+    rows, seeds = found[0]
+    # all of them fail, in the second link, and each says so
+    assert [(row["seed"], row["links"]) for row in seeds] == [(1, 1), (2, 1)]
+    assert all("its reward was not finite" in row["failure"] for row in seeds)
+    assert [(row["candidate_id"], row["seed"], row["epoch"]) for row in rows] == [
         ("one", 1, 1), ("one", 1, 2), ("one", 2, 1), ("one", 2, 2),
     ]  # fmt: skip

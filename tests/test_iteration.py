@@ -28,7 +28,7 @@ def short_params() -> dict:
     params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
     params["mutate"] |= {"pool": "eliminate-1", "mutants": 2}
     params["fuse"] |= {"pool": "eliminate-mutants"}
-    params["evaluate"] |= {"seeds": 1}
+    params["evaluate"] |= {"seeds": 1, "episodes": 8}
     params["iterations"] = [{"n": 1, "next": "result"}]
     params["rungs"] = [
         {"rung": 1, "pool": "validate-code", "until": 1, "keep": 1},

@@ -8,19 +8,20 @@ import yaml
 
 from meaning_cases import changed, row_of
 from porse import tables
-from porse.config import parse_params
+from porse.config import Lengths, Reference, parse_params
 from porse.methods import ABLATIONS, METHODS
 from porse.report.figures import (
     area_under_curve,
     chain_fitness,
     epochs_to,
     evaluation_figures,
+    final_success,
     human_normalised_score,
-    task_score,
+    task_scores,
 )
 from porse.report.learning import learning_row
 from porse.report.markdown import results_table
-from porse.report.run import Run
+from porse.report.run import Evaluation, Run
 from porse.report.summary import iteration_rows, metrics, write_summary
 from porse.search.schedule import mutants, varied
 from tiny import committed_params
@@ -53,9 +54,14 @@ def test_the_human_normalised_score_is_zero_at_sparse_one_at_human_and_keeps_its
 
 def test_a_tasks_score_is_by_the_references_of_that_task(params):
     document = committed_params()
-    document["summarise"]["references"] = {"Over": {"human": 9.0, "sparse": 1.0}, "Pen": {"human": 5.0, "sparse": 3.0}}
-    for task, expected in (("Over", 0.5), ("Pen", 1.0), ("Kettle", None)):
-        assert task_score(5.0, parse_params({**document, "task": task}, "params.yaml")) == expected
+    document["summarise"]["references"] = {
+        "Over": {"human": {"lineage": 9.0, "budget": 13.0}, "sparse": {"lineage": 1.0, "budget": 3.0}},
+        "Pen": {"human": {"lineage": 5.0, "budget": 2.0}, "sparse": {"lineage": 3.0, "budget": 2.0}},
+    }
+    # of 5: (5 - 1) / (9 - 1) and (5 - 3) / (13 - 3); (5 - 3) / (5 - 3), and equal references
+    for task, lineage, budget in (("Over", 0.5, 0.2), ("Pen", 1.0, None), ("Kettle", None, None)):
+        found = task_scores(5.0, parse_params({**document, "task": task}, "params.yaml"))
+        assert found == {"lineage": lineage, "budget": budget}
 
 
 def test_epochs_are_spent_in_the_order_of_the_schedule(params):
@@ -80,12 +86,59 @@ def test_the_area_is_the_mean_over_the_chains_epochs_in_order():
     assert area_under_curve([1.0, 4.0, 10.0]) == 5.0
 
 
-def test_the_spread_over_seeds_is_that_of_a_sample():
-    values = {3: [2.0, 0.0], 1: [-4.0, -6.0], 2: [5.0, 4.0]}
-    rows = [{"seed": seed, "fitness": value} for seed, series in values.items() for value in series]
-    # MTS -4, 5, 2: mean 1, (25 + 16 + 1) / 2 = 21
-    expected = {"seeds": 3, "mts_mean": 1.0, "mts_std": pytest.approx(21**0.5)}
-    assert part(evaluation_figures(rows), expected) == expected
+def test_the_spread_over_seeds_is_that_of_a_sample_of_those_that_did_not_fail(params):
+    values = {3: [2.0, 0.0], 1: [-4.0, -6.0], 2: [5.0, 4.0], 4: [99.0]}
+    rows = [
+        {"seed": seed, "iteration": 1, "epoch": epoch, "fitness": value}
+        for seed, series in values.items()
+        for epoch, value in enumerate(series, 1)
+    ]
+    seeds = [{"seed": seed, "links": 1, "failure": "late" if seed == 4 else ""} for seed in (1, 2, 3, 4)]
+    # MTS -4, 5, 2: mean 1, (25 + 16 + 1) / 2 = 21. The fourth was good, and failed.
+    expected = {"seeds": 3, "failed": 1, "mts_mean": 1.0, "mts_std": pytest.approx(21**0.5)}
+    assert part(evaluation_figures(rows, seeds, by(params)), expected) == expected
+
+
+def test_a_seeds_score_is_that_of_its_last_link_and_its_mts_of_all(params):
+    # the last link is iteration 4: its last two of 1, 3, 8 are 5.5 in the mean, and 8 is its highest; the first link had 9
+    series = {(1, 1): 9.0, (1, 2): 9.0, (4, 1): 1.0, (4, 3): 8.0, (4, 2): 3.0}
+    rows = [{"seed": 1, "iteration": n, "epoch": epoch, "fitness": value} for (n, epoch), value in series.items()]
+    seeds = [{"seed": 1, "links": 2, "failure": ""}]
+    for which, score in (("mean", 5.5), ("max", 8.0)):
+        found = evaluation_figures(rows, seeds, by(params, window=2, score=which))
+        assert (found["score_mean"], found["mts_mean"]) == (score, 9.0)
+
+
+def by(params, **values):
+    return changed(params, eliminate=values).eliminate
+
+
+def played(*outcomes):
+    return [{"episode": n, "candidate_id": "a", "steps": 9, "outcome": float(o)} for n, o in enumerate(outcomes)]
+
+
+def test_final_success_of_solved_and_unsolved_episodes_is_a_share_with_wilsons_interval():
+    """3 of 8, z = 1.959964: the middle is (0.375 + 3.841459 / 16) / (1 + 3.841459 / 8) = 0.615091 / 1.480182 = 0.415551,
+    half the width 1.959964 sqrt(0.375 x 0.625 / 8 + 3.841459 / 256) / 1.480182
+        = 1.959964 sqrt(0.029297 + 0.015006) / 1.480182 = 0.278706."""
+    found = final_success(played(1, 0, 0, 1, 0, 0, 1, 0))
+    assert found == {
+        "mean": 0.375, "low": pytest.approx(0.136845, abs=2e-6), "high": pytest.approx(0.694257, abs=2e-6), "episodes": 8,
+    }  # fmt: skip
+    # none of 4 is no proof of never: the upper end is 3.841459 / (4 + 3.841459)
+    found = final_success(played(0, 0, 0, 0))
+    assert (found["mean"], found["low"], found["high"]) == (0.0, pytest.approx(0.0, abs=1e-9), pytest.approx(0.489890, abs=2e-6))  # fmt: skip
+
+
+def test_final_success_of_other_outcomes_is_a_mean_with_students_interval():
+    """-1, -2, -6: mean -3, deviation sqrt((4 + 1 + 9) / 2) = 2.645751, over sqrt(3) 1.527525; t of 2 degrees is 4.302653."""
+    found = final_success(played(-1, -2, -6))
+    half = 4.302653 * 1.527525
+    assert found == {
+        "mean": -3.0, "low": pytest.approx(-3 - half, abs=2e-5), "high": pytest.approx(-3 + half, abs=2e-5), "episodes": 3,
+    }  # fmt: skip
+    # halves are no shares; and where all are equal, there is nothing to be unsure of
+    assert final_success(played(0.5, 0.5)) == {"mean": 0.5, "low": 0.5, "high": 0.5, "episodes": 2}
 
 
 # A whole run: two iterations, the last of them worse than the first.
@@ -107,8 +160,8 @@ def reply(iteration, kind, prompt, completion, usd):
     return row_of(tables.REPLIES, iteration=iteration, kind=kind, recorded_usd=usd, **tokens)
 
 
-def survivor(iteration, rung, rank, name, fitness):
-    return row_of(tables.SURVIVORS, iteration=iteration, rung=rung, rank=rank, candidate_id=name, fitness=fitness)
+def survivor(iteration, rung, rank, name, score):
+    return row_of(tables.SURVIVORS, iteration=iteration, rung=rung, rank=rank, candidate_id=name, score=score)
 
 
 def part(found, expected):
@@ -144,24 +197,31 @@ def test_an_iteration_reports_its_winner_and_the_best_of_all_its_trainings(param
     expected = {
         "iteration": 1, "winner_id": "a", "beta": 0.7, "alpha": 0.3,
         # b reached 8, and the winner 6 on the way to a mean of 4.5 over its last epochs
-        "mts": 8.0, "winner_mts": 6.0, "fitness": 4.5,
+        "mts": 8.0, "winner_mts": 6.0, "score": 4.5,
         # three epochs of a and one of b, each of 3 x 7 steps
         "epochs": 4, "environment_steps": 84, "replies": 3, "valid_replies": 2, "repairs": 1,
     }  # fmt: skip
     assert part(first, expected) == expected
     assert (second["winner_id"], second["beta"], second["alpha"]) == ("a", 1.6, 0.9)
-    assert (second["mts"], second["winner_mts"], second["fitness"], second["epochs"]) == (5.0, 5.0, 3.5, 3)
+    assert (second["mts"], second["winner_mts"], second["score"], second["epochs"]) == (5.0, 5.0, 3.5, 3)
 
 
 def test_a_runs_metrics_by_pencil(params, whole):
     chosen = changed(params, train={"num_envs": 3, "steps_per_epoch": 7, "rung_epochs": 2}, generate={"candidates": 4})
-    chosen = changed(chosen, summarise={"thresholds": {"Quadcopter": 6.0}})
+    references = {"Quadcopter": Reference(human=Lengths(3.0, 4.5), sparse=Lengths(-2.0, 1.0))}
+    chosen = changed(chosen, summarise={"thresholds": {"Quadcopter": 6.0}, "references": references})
     chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
-    evaluation = [{"seed": 1, "fitness": 2.0}, {"seed": 2, "fitness": 4.0}]
-    found = metrics(whole, iteration_rows(whole, chosen), chain, evaluation, chosen)
-    # references human -0.2714 and sparse -1.1461: (8 + 1.1461) / (-0.2714 + 1.1461)
-    assert found["hns"] == pytest.approx(9.1461 / 0.8747)
-    assert (found["mts"], found["final_fitness"]) == (8.0, 3.5)
+    rows = [{"seed": seed, "iteration": 2, "epoch": 1, "fitness": value} for seed, value in ((1, 2.0), (2, 4.0))]
+    seeds = [{"seed": seed, "links": 2, "failure": ""} for seed in (1, 2)]
+    evaluation = Evaluation(chain, rows, seeds, played(-1, -2, -6))
+    found = metrics(whole, iteration_rows(whole, chosen), evaluation, chosen)
+    # (8 + 2) / (3 + 2), and (8 - 1) / (4.5 - 1)
+    assert found["hns"] == {"lineage": 2.0, "budget": 2.0}
+    assert (found["mts"], found["score"]) == (8.0, 3.5)
+    # where the run's winner won in iteration 1, its score is from there
+    alone = metrics(whole, iteration_rows(whole, chosen), Evaluation(chain[:1], rows, seeds, played(1, 0)), chosen)
+    assert alone["score"] == 4.5
+    assert (found["final_success"]["mean"], found["final_success"]["episodes"]) == (-3.0, 3)
     # a's three epochs, then its two: (1 + 6 + 4 + 5 + 3) / 5
     assert found["fitness_area"] == pytest.approx(3.8)
     # in order a1 b1: 1, 8
@@ -175,36 +235,49 @@ def test_a_runs_metrics_by_pencil(params, whole):
         "recorded_usd": 0.75,
     }  # fmt: skip
     assert part(found["replies"], replies) == replies
-    second = {"mts": 5.0, "fitness": 3.5, "beta": 1.6, "alpha": 0.9}
+    second = {"mts": 5.0, "score": 3.5, "beta": 1.6, "alpha": 0.9}
     assert part(found["by_iteration"]["2"], second) == second
 
 
 def test_the_plots_show_the_chains_fitness_epoch_by_epoch(params, whole, tmp_path):
     chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
-    write_summary(whole, chain, [], params, tmp_path / "r", tmp_path / "m.json", tmp_path / "p")
+    evaluation = Evaluation(chain, [], [], played(1, 0))
+    write_summary(whole, evaluation, params, tmp_path / "r", tmp_path / "m.json", tmp_path / "p")
     assert (tmp_path / "p" / "fitness.csv").read_text().splitlines() == [
         "epoch,fitness,candidate", "1,1.0,a", "2,6.0,a", "3,4.0,a", "4,5.0,a", "5,3.0,a",
     ]  # fmt: skip
-    assert (tmp_path / "p" / "iterations.csv").read_text().splitlines()[1] == "1,8.0,6.0,4.5,0.7,0.3"
+    assert (tmp_path / "p" / "iterations.csv").read_text().splitlines()[1] == "1,4.5,8.0,6.0,0.7,0.3"
     assert json.loads((tmp_path / "m.json").read_text())["mts"] == 8.0
     assert len(tables.read(tmp_path / "r" / "iterations.parquet", tables.ITERATIONS)) == 2
+    assert tables.read(tmp_path / "r" / "episodes.parquet", tables.EPISODES) == played(1, 0)
 
 
 def test_the_table_for_people_counts_iterations_and_does_not_spell_them():
-    by_iteration = {str(n): {"mts": n / 2, "fitness": -n, "beta": 0.25 * n, "alpha": 0.5} for n in (10, 2)}
+    by_iteration = {str(n): {"mts": n / 2, "score": -n, "beta": 0.25 * n, "alpha": 0.5} for n in (10, 2)}
     found = results_table(
         {
             "by_iteration": by_iteration,
             "mts": 5.0,
-            "final_fitness": -10.0,
-            "evaluation": {"seeds": 3, "mts_mean": 1.5, "mts_std": 0.25},
+            "score": -10.0,
+            "evaluation": {
+                "seeds": 3,
+                "failed": 2,
+                "score_mean": -2.5,
+                "score_std": 0.75,
+                "mts_mean": 1.5,
+                "mts_std": 0.25,
+            },
+            "final_success": {"mean": 0.75, "low": 0.5, "high": 0.875, "episodes": 64},
         }
     ).splitlines()
     assert found[2:] == [
-        "| 2 | 1.000 | -2.000 | 0.5 | 0.5 |",
-        "| 10 | 5.000 | -10.000 | 2.5 | 0.5 |",
-        "| all | **5.000** | -10.000 | | |",
-        "| 3 further seeds | 1.500 +- 0.250 | | | |",
+        "| 2 | -2.000 | 1.000 | 0.5 | 0.5 |",
+        "| 10 | -10.000 | 5.000 | 2.5 | 0.5 |",
+        "| all | -10.000 | **5.000** | | |",
+        "| 3 further seeds | -2.500 +- 0.750 | 1.500 +- 0.250 | | |",
+        "| 2 further seeds | failed | failed | | |",
+        "",
+        "Final success in 64 episodes, with its 95 % interval: **0.750 (0.500 to 0.875)**",
     ]
 
 
@@ -246,6 +319,8 @@ PAID = {
     "simhash": ("simhash", "generated", 1.0, 1.0),
     "human": ("none", "human", 0.0, 1.0),
     "sparse": ("none", "sparse", 0.0, 1.0),
+    "human-budget": ("none", "human", 0.0, 1.0),
+    "sparse-budget": ("none", "sparse", 0.0, 1.0),
 }
 
 SEARCHED = {
@@ -255,10 +330,12 @@ SEARCHED = {
     "roska": ("one", 0, "fused", "best", 14, 0, "every", "iteration"),
     "roska-ce": ("one", 0, "fused", "best", 14, 0, "every", "iteration"),
     "revolve-auto": ("all", 0, "random", "latest", 0, 0, "every", "iteration"),
-    "llmcount": ("all", 0, "fused", "latest", 0, 1, "first", "run"),
+    "llmcount": ("all", 0, "fused", "latest", 0, 1, "first", "lineage"),
     "simhash": ("rungs", 5, "fused", "latest", 0, 1, "every", "iteration"),
-    "human": ("all", 0, "fused", "latest", 0, 0, "first", "iteration"),
-    "sparse": ("all", 0, "fused", "latest", 0, 0, "first", "iteration"),
+    "human": ("all", 0, "fused", "latest", 0, 0, "first", "lineage"),
+    "sparse": ("all", 0, "fused", "latest", 0, 0, "first", "lineage"),
+    "human-budget": ("all", 0, "fused", "latest", 0, 0, "first", "budget"),
+    "sparse-budget": ("all", 0, "fused", "latest", 0, 0, "first", "budget"),
 }
 
 

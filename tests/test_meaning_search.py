@@ -39,7 +39,7 @@ from porse.search.fusion import fuse
 from porse.search.incumbent import incumbent, winner
 from porse.search.islands import softmax
 from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
-from porse.search.lineage import evaluation_seed, lineage
+from porse.search.lineage import episodes_seed, evaluation_seed, lineage
 from porse.search.mutation import mutant, swarm_seed, swarm_step
 from porse.search.schedule import (
     allowed_epochs,
@@ -82,17 +82,37 @@ def test_a_seed_is_the_digest_of_the_runs_seed_and_the_draws_name():
 def test_draws_of_the_search_are_named_by_run_purpose_and_iteration(params):
     assert swarm_seed(5, 3) == named('[5,"swarm",3]')
     assert evaluation_seed(dataclasses.replace(params, seed=5), 2) == named('[5,"evaluate",2]')
+    assert episodes_seed(dataclasses.replace(params, seed=5)) == named('[5,"episodes"]')
 
 
 # Elimination.
 
 
-def test_a_score_looks_at_the_last_epochs_in_the_order_of_epochs():
+def by(params, **values):
+    return changed(params, eliminate=values).eliminate
+
+
+def test_a_score_looks_at_the_last_epochs_in_the_order_of_epochs(params):
     rows = curve("a", [8.0, 1.0, 2.0, 5.0])[::-1]
     # last three: (1 + 2 + 5) / 3 = 8/3; highest of all four: 8
-    assert score(candidate("a"), rows, 3) == Score("a", 8 / 3, 8.0, failed=False)
+    assert score(candidate("a"), rows, by(params, window=3)) == Score("a", 8 / 3, 8.0, failed=False)
     # a window longer than the training is the whole training: 16 / 4
-    assert score(candidate("a"), rows, 9).fitness == 4.0
+    assert score(candidate("a"), rows, by(params, window=9)).value == 4.0
+    # the highest is of all epochs, whatever the window
+    assert score(candidate("a"), rows, by(params, window=3, score="max")) == Score("a", 8.0, 8.0, failed=False)
+
+
+def test_the_declared_score_ranks_a_pool_and_names_its_winner(params):
+    # over two epochs: a (4 + 5) / 2 = 4.5, b (1 + 7) / 2 = 4; highest: a 5, b 9
+    rows = [candidate("a", 0), candidate("b", 1)]
+    curves = [*curve("a", [0.0, 4.0, 5.0]), *curve("b", [9.0, 1.0, 7.0])]
+    for which, best, value in (("mean", "a", 4.5), ("max", "b", 9.0)):
+        chosen = changed(params, eliminate={"window": 2, "score": which}, fuse={"pool": "eliminate-late"})
+        first = ranked_pool(rows, curves, chosen.eliminate)[0]
+        assert (first.candidate_id, first.value) == (best, value)
+        row, survivor = winner(rows, curves, chosen)
+        assert row["candidate_id"] == best
+        assert survivor == {"iteration": 3, "rung": "late", "rank": 0, "candidate_id": best, "score": value}
 
 
 def test_fitness_comes_before_mts_and_mts_before_the_id():
@@ -101,10 +121,10 @@ def test_fitness_comes_before_mts_and_mts_before_the_id():
     assert [entry.candidate_id for entry in ranking] == ["c", "b", "bb", "a", "0"]
 
 
-def test_a_candidate_younger_than_the_oldest_is_out_however_good():
+def test_a_candidate_younger_than_the_oldest_is_out_however_good(params):
     rows = [candidate("old", 0, epochs=45), candidate("young", 1, epochs=30), candidate("gone", 2, failure="late")]
     curves = [*curve("old", [1.0]), *curve("young", [9.0]), *curve("gone", [8.0])]
-    ranking = ranked_pool(rows, curves, 1)
+    ranking = ranked_pool(rows, curves, by(params, window=1))
     assert [(entry.candidate_id, entry.failed) for entry in ranking] == [
         ("old", False),
         ("young", True),
@@ -117,12 +137,12 @@ def test_the_best_go_on_and_the_tables_say_who():
     kept = survivors(ranking, 2, "here")
     assert [entry.candidate_id for entry in kept] == ["b", "c"]
     rows = score_rows(ranking, {"b", "c"}, 3, "4")
-    assert [(row["candidate_id"], row["rank"], row["fitness"], row["mts"], row["survives"]) for row in rows] == [
+    assert [(row["candidate_id"], row["rank"], row["score"], row["mts"], row["survives"]) for row in rows] == [
         ("b", 0, 3, 5, True),
         ("c", 1, 2, 4, True),
         ("a", 2, 1, 6, False),
     ]
-    assert [(row["rank"], row["candidate_id"], row["fitness"]) for row in survivor_rows(kept, 3, "4")] == [
+    assert [(row["rank"], row["candidate_id"], row["score"]) for row in survivor_rows(kept, 3, "4")] == [
         (0, "b", 3),
         (1, "c", 2),
     ]
@@ -190,21 +210,28 @@ def feedback_of(mts, minimum=0.0):
 def test_the_winner_is_the_first_of_the_ranking(params):
     rows = [candidate("a", 0), candidate("b", 1), candidate("c", 2)]
     curves = [*curve("a", [9.0, 1.0]), *curve("b", [0.0, 3.0]), *curve("c", [5.0, 2.0])]
-    assert winner(rows, curves, changed(params, eliminate={"window": 1}))["candidate_id"] == "b"
+    assert winner(rows, curves, changed(params, eliminate={"window": 1}))[0]["candidate_id"] == "b"
 
 
-@pytest.mark.parametrize(("mts", "is_new"), [(2.9, True), (3.0, False), (3.1, False)])
-def test_the_best_so_far_stays_unless_its_mts_is_exceeded(params, mts, is_new):
-    # the new one reaches 3 on the way and ends at 1
-    best = changed(params, fuse={"incumbent": "best", "points": 2})
+@pytest.mark.parametrize(
+    ("which", "score", "is_new"),
+    [("mean", 1.9, True), ("mean", 2.0, False), ("mean", 2.9, False), ("max", 2.9, True), ("max", 3.0, False)],
+)
+def test_the_best_so_far_stays_unless_its_score_is_exceeded(params, which, score, is_new):
+    # the new one reaches 3 on the way, ends at 1, and 2 in the mean
+    best = changed(params, fuse={"incumbent": "best", "points": 2}, eliminate={"score": which})
     rows, curves, earlier = [candidate("new")], curve("new", [3.0, 1.0]), candidate("old")
-    told = feedback_of(mts)
-    found = incumbent(rows, curves, [earlier], told, best)
+    # the earlier one's MTS is above everything, and is not what ranks
+    told = feedback_of(9.0)
+    standing = row_of(tables.SURVIVORS, candidate_id="old", score=score)
+    found = incumbent(rows, curves, [earlier], [standing], told, best)
     assert found.is_new is is_new
+    own = {"iteration": 3, "rung": "6", "rank": 0, "candidate_id": "new", "score": {"mean": 2.0, "max": 3.0}[which]}
+    assert found.score == (own if is_new else standing)
     assert found.row["candidate_id"] == ("new" if is_new else "old")
     assert found.feedback == (feedback_rows(curves, "new", 2) if is_new else told)
     latest = changed(params, fuse={"incumbent": "latest"})
-    assert incumbent(rows, curves, [earlier], told, latest).is_new
+    assert incumbent(rows, curves, [earlier], [standing], told, latest).is_new
 
 
 # The search of alpha.
@@ -219,11 +246,14 @@ def test_an_improvement_that_is_certain_is_what_it_is_and_never_below_zero():
 # Lengths and the schedule.
 
 
-def test_a_rung_is_longer_by_the_number_of_iterations_where_the_run_is_one_training(params):
-    seven = changed(params, train={"rung_epochs": 7})
+def test_a_rung_of_one_policy_is_as_long_as_a_lineages_or_takes_the_whole_budget(params):
+    seven = changed(params, train={"rung_epochs": 7}, generate={"candidates": 4})
     assert len(params.iterations) == 5
-    assert rung_epochs(seven) == 7
-    assert rung_epochs(changed(seven, train={"length": "run"})) == 35
+    # 7; times 5 iterations; times 4 candidates of each
+    lengths = {name: rung_epochs(changed(seven, train={"length": name})) for name in ("iteration", "lineage", "budget")}
+    assert lengths == {"iteration": 7, "lineage": 35, "budget": 140}
+    # six such rungs are what any method may spend
+    assert 6 * lengths["budget"] == allowed_epochs(seven)
 
 
 def test_a_probe_is_a_share_of_a_rung_and_at_least_an_epoch(params):
@@ -316,7 +346,7 @@ def test_a_candidate_that_wins_again_in_a_later_iteration_is_another_link(params
     assert lineage(stays, [0.1, 0.1, 0.2], params) == [stays[0], stays[2]]
 
 
-def test_from_scratch_the_lineage_is_the_one_of_highest_mts_and_the_first_of_equals(params):
+def test_from_scratch_the_lineage_is_the_one_of_highest_score_and_the_first_of_equals(params):
     scratch = changed(params, fuse={"policy": "random"})
     rows = [candidate(name, iteration=n) for n, name in enumerate("abc", 1)]
     assert lineage(rows, [-3.0, -1.0, -2.0], scratch) == [rows[1]]

@@ -1,6 +1,7 @@
 """What a training means: the total reward, PPO's construction, GAE by pencil, and who is trained with which draws."""
 
 import dataclasses
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +20,9 @@ from porse.training import probing as probing_module
 from porse.training import rung as rung_module
 from porse.training.bonus import Bonuses, Ledger, MappingBonus, NoBonus, Price, SimHashBonus
 from porse.training.candidate import train_candidate
+from porse.training.episodes import Episode, play_episodes
 from porse.training.evaluation import evaluate
+from porse.training.fitness import EpochFitness
 from porse.training.goal import generated, human, sparse
 from porse.training.job import Job, Outcome
 from porse.training.ppo import build_ppo
@@ -40,13 +43,13 @@ class Task:
     in the second step, the third fails there, at the time limit, too.
     """
 
-    NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, num_envs = 1, 1, 9, 3
+    NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 1, 9, False, 3
     STATES: ClassVar = [[1.0, 2.0, 2.0], [2.0, 3.0, 3.0], [3.0, 1.0, 1.0], [4.0, 3.0, 3.0]]
     REWARDS: ClassVar = [1.0, 2.0, 4.0]
 
     def __init__(self):
         self.progress = torch.zeros(3, dtype=torch.int64)
-        self.steps, self.resets = 0, []
+        self.steps, self.resets, self.staggered = 0, [], []
 
     def step(self, actions):
         self.steps += 1
@@ -69,6 +72,11 @@ class Task:
     def reset(self, mask):
         self.resets.append((self.steps, mask.tolist()))
 
+    renew = reset
+
+    def stagger(self, seed):
+        self.staggered.append(seed)
+
     def human_reward(self):
         return torch.full((3,), 11.0)
 
@@ -80,6 +88,9 @@ class Task:
 
     def state(self):
         return {}
+
+    def load_state(self, state):
+        assert state == {}
 
 
 def goal_of_task(task, variables):
@@ -530,14 +541,58 @@ def test_a_training_draws_from_a_generator_that_its_seed_names(pencil):
     assert not torch.equal(after, torch.get_rng_state())
 
 
-def test_an_epoch_is_so_many_steps_and_its_fitness_that_of_its_last(pencil):
+@pytest.mark.parametrize(
+    # fitness 101, 102, 103 | 104, 105, 106: their means, or what it is at an epoch's end
+    ("over_episodes", "fitness"),
+    [(False, [(1, 102.0), (2, 105.0)]), (True, [(1, 103.0), (2, 106.0)])],
+)
+def test_an_epoch_is_so_many_steps_and_its_fitness_their_mean_or_a_statistic_at_its_end(pencil, over_episodes, fitness):
     task, told, begun = Task(), [], []
+    task.OVER_EPISODES = over_episodes
     rows = trainer(pencil, 5, task).train(2, lambda epoch, fitness: told.append((epoch, fitness)), begun.append)
     assert task.steps == 6
     assert begun == [1, 2]
-    assert told == [(1, 103.0), (2, 106.0)]
+    assert told == fitness
     assert [(row.epoch, row.value) for row in rows if row.series == "fitness"] == told
     assert [row.epoch for row in rows if row.series == "goal"] == [1, 2]
+
+
+def test_fitness_is_of_the_state_that_a_step_led_to_and_not_of_what_a_reset_put_there(pencil):
+    class Reset(Task):
+        def fitness(self):
+            return -9.0 if self.resets else 1.0 + self.steps
+
+    env = TaskEnv(Reset(), Reward(goal_of_task, NoBonus(), 0.0, 1.0), 1.0)
+    env.step(torch.zeros(3, 1))
+    env.step(torch.zeros(3, 1))
+    # two environments were reset in the second step, after 3.0 had been read
+    assert env.task.resets
+    assert env.fitness.take() == 2.5
+
+
+def test_a_step_without_a_finite_fitness_spoils_its_epoch_and_no_other():
+    fitness, task = EpochFitness(), Task()
+    for value in (1.0, float("inf"), float("-inf")):
+        task.fitness = lambda value=value: value
+        fitness.add(task)
+    assert math.isnan(fitness.take())
+    for value in (2.0, 5.0):
+        task.fitness = lambda value=value: value
+        fitness.add(task)
+    assert fitness.take() == 3.5
+
+
+def test_episodes_are_staggered_where_a_training_starts_and_not_where_it_goes_on(pencil, tmp_path):
+    task = Task()
+    first = trainer(pencil, 5, task)
+    write_checkpoint(tmp_path / "policy.safetensors", draw_policy(1, 1, pencil, 0))
+    first.load(tmp_path / "policy.safetensors")
+    assert task.staggered == [named('[5,"ages"]')]
+    first.train(1, lambda *_: None, lambda _: None)
+    first.save(tmp_path / "checkpoint.safetensors")
+    later = Task()
+    trainer(pencil, 5, later).load(tmp_path / "checkpoint.safetensors")
+    assert later.staggered == []
 
 
 def test_a_checkpoint_holds_the_epoch_the_learning_rate_and_the_generator(pencil, tmp_path):
@@ -841,7 +896,8 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
         return outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    rows = evaluate(chain, 6, five, tmp_path)
+    rows, seeds = evaluate(chain, 6, five, tmp_path)
+    assert seeds == [{"seed": number, "links": 2, "failure": ""} for number in (1, 2)]
     assert [(r["iteration"], r["candidate_id"], r["seed"], r["epoch"], r["fitness"]) for r in rows] == [
         (1, "first", 1, 6, 6.0),
         (1, "first", 2, 6, 6.0),
@@ -879,9 +935,91 @@ def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monk
         return [Outcome([], "late"), outcomes[1]] if len(jobs) == 2 else outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    rows = evaluate(chain, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
+    rows, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
+    assert seeds == [{"seed": 1, "links": 0, "failure": "late"}, {"seed": 2, "links": 2, "failure": ""}]
     assert [(r["iteration"], r["seed"]) for r in rows] == [(1, 2), (2, 2)]
     assert [len(jobs) for jobs in pretended.jobs] == [2, 1]
+
+
+def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluation_has_no_rows_of_it(
+    small, pretended, tmp_path, monkeypatch
+):
+    chain = [row("first", 0, iteration=1), row("second", 1, iteration=2), row("third", 2, iteration=3)]
+    like = random_policy(small, 1)
+
+    def train(jobs, params, on_report):
+        outcomes = pretended(jobs, params, on_report)
+        for entry in jobs:
+            write_checkpoint(entry.finish, like)
+        # all fail in the second link, each with words of its own
+        return [Outcome([], entry.name) for entry in jobs] if len(pretended.jobs) == 2 else outcomes
+
+    monkeypatch.setattr(evaluation_module, "train_pool", train)
+    rows, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
+    assert [(r["iteration"], r["seed"]) for r in rows] == [(1, 1), (1, 2)]
+    assert [(r["seed"], r["links"]) for r in seeds] == [(1, 1), (2, 1)]
+    assert [r["failure"] for r in seeds] == [entry.name for entry in pretended.jobs[1]]
+    # nobody is left for the third link
+    assert [len(jobs) for jobs in pretended.jobs] == [2, 2, 0]
+
+
+# Whole episodes of the trained policy.
+
+
+class Played(Task):
+    """Three environments: episodes of 2, 5 and 3 steps, and then of 1 step each, all at once.
+
+    The sparse reward is 10, 20 and 30 times the step.
+    """
+
+    LENGTHS: ClassVar = [2, 5, 3]
+
+    def __init__(self):
+        super().__init__()
+        self.ages, self.seen = torch.zeros(3, dtype=torch.int64), []
+        self.limits = torch.tensor(self.LENGTHS)
+
+    def observations(self):
+        return torch.full((3, 1), float(self.steps))
+
+    def step(self, actions):
+        self.seen.append(actions.flatten().tolist())
+        self.steps += 1
+        self.ages += 1
+
+    def sparse_reward(self):
+        return torch.tensor([10.0, 20.0, 30.0]) * self.steps
+
+    def episode_outcome(self, mean_sparse_reward):
+        return mean_sparse_reward
+
+    def terminated(self):
+        return (self.ages >= self.limits) & torch.tensor([True, False, True])
+
+    def timed_out(self):
+        return (self.ages >= self.limits) & torch.tensor([False, True, False])
+
+    def reset(self, mask):
+        self.ages[mask], self.limits[mask] = 0, 1
+
+
+def test_every_environment_plays_one_whole_episode_and_what_it_does_afterwards_counts_nowhere():
+    task = Played()
+    # 10 (1 + 2) / 2 = 15; 20 (1 + 2 + 3 + 4 + 5) / 5 = 60; 30 (1 + 2 + 3) / 3 = 60
+    assert play_episodes(task, lambda observations: observations + 0.5) == [
+        Episode(2, 15.0),
+        Episode(5, 60.0),
+        Episode(3, 60.0),
+    ]
+    # actions come from the observations, until the longest has ended
+    assert task.seen == [[0.5] * 3, [1.5] * 3, [2.5] * 3, [3.5] * 3, [4.5] * 3]
+
+
+def test_an_outcome_of_its_own_is_read_when_its_episode_ends():
+    task = Played()
+    task.episode_outcome = lambda mean: torch.tensor([1.0, 2.0, 3.0]) * task.steps
+    # after 2, 5 and 3 steps
+    assert [episode.outcome for episode in play_episodes(task, lambda observations: observations)] == [2.0, 10.0, 9.0]
 
 
 # The search of alpha.

@@ -83,7 +83,7 @@ def params_of(task: str, name: str) -> dict:
     params["probe"] |= {"initial": 2}
     params["mutate"] |= {"pool": "eliminate-1", "mutants": 2}
     params["fuse"] |= {"pool": "eliminate-mutants"}
-    params["evaluate"] |= {"seeds": 1}
+    params["evaluate"] |= {"seeds": 1, "episodes": 8}
     count = 1 if name in ONE_ITERATION else 2
     params["iterations"] = [{"n": n, "next": n + 1} for n in range(1, count + 1)]
     params["rungs"] = [
@@ -194,7 +194,8 @@ def test_what_was_spent_is_what_the_schedule_says(runs, task, name):
     # Equal candidates are trained once: the grammar may write one mapping twice.
     assert spent == total_epochs(params) or (name in MAPPINGS and spent < total_epochs(params))
     assert metrics["failed_candidates"] == 0
-    assert metrics["evaluation"]["seeds"] == 1
+    assert (metrics["evaluation"]["seeds"], metrics["evaluation"]["failed"]) == (1, 0)
+    assert metrics["final_success"]["episodes"] == 8
 
 
 def replies(runs, task, name, kind):
@@ -268,7 +269,7 @@ def test_revolve_breeds_the_second_iteration_from_the_first(runs, task):
     assert all(set(row["parent_id"].split("+")) <= first for row in later)
 
 
-@each(["llmcount", "human", "sparse"])
+@each(["llmcount", "human", "sparse", "human-budget", "sparse-budget"])
 def test_methods_without_iterations_spend_everything_in_the_first(runs, task, name):
     assert [row["iteration"] for row in runs.table(task, name, "iterations")] == [1]
     assert runs.outs(task, name)["run/3/start"] == runs.outs(task, name)["run/2/start"]

@@ -30,9 +30,11 @@ PAPER = {
     "revolve-auto": 90_000,
     "llmcount": 90_000,
     "simhash": 90_000,
-    # One policy, trained for 3 000 epochs.
-    "human": 3_000,
-    "sparse": 3_000,
+    # One policy, trained for as many epochs as five winners one on top of the other, 5 x 3 000; or for all.
+    "human": 15_000,
+    "sparse": 15_000,
+    "human-budget": 90_000,
+    "sparse-budget": 90_000,
 }
 
 
@@ -155,12 +157,25 @@ def test_the_chains_fitness_is_that_of_its_links_one_after_the_other():
     assert [fitness for _, fitness in chain_fitness(rows, chain)] == [1.0, 2.0, 3.0]
 
 
-def test_the_evaluation_is_mean_and_sample_deviation_over_seeds():
-    rows = [{"seed": seed, "fitness": fitness} for seed, fitness in [(1, 0.0), (1, 1.0), (2, 3.0), (2, 2.0)]]
-    # MTS 1 and 3: mean 2, deviation sqrt((1 + 1) / 1)
-    assert evaluation_figures(rows) == {"seeds": 2, "mts_mean": 2.0, "mts_std": pytest.approx(2**0.5)}
-    assert evaluation_figures(rows[:2]) == {"seeds": 1, "mts_mean": 1.0, "mts_std": None}
-    assert evaluation_figures([]) == {"seeds": 0, "mts_mean": None, "mts_std": None}
+def test_the_evaluation_is_mean_and_sample_deviation_over_seeds_that_did_not_fail(params):
+    rows = [
+        {"seed": seed, "iteration": 1, "epoch": epoch, "fitness": fitness}
+        for seed, epoch, fitness in [(1, 1, 0.0), (1, 2, 1.0), (2, 1, 3.0), (2, 2, 2.0)]
+    ]
+    seeds = [{"seed": number, "links": 1, "failure": ""} for number in (1, 2)]
+    eliminate = dataclasses.replace(params.eliminate, window=1)
+    # scores 1 and 2: mean 1.5, deviation sqrt((0.25 + 0.25) / 1); MTS 1 and 3: mean 2, deviation sqrt((1 + 1) / 1)
+    assert evaluation_figures(rows, seeds, eliminate) == {
+        "seeds": 2, "failed": 0, "score_mean": 1.5, "score_std": pytest.approx(0.5**0.5), "mts_mean": 2.0,
+        "mts_std": pytest.approx(2**0.5),
+    }  # fmt: skip
+    assert evaluation_figures(rows[:2], seeds[:1], eliminate) == {
+        "seeds": 1, "failed": 0, "score_mean": 1.0, "score_std": None, "mts_mean": 1.0, "mts_std": None,
+    }  # fmt: skip
+    nothing = {"score_mean": None, "score_std": None, "mts_mean": None, "mts_std": None}
+    assert evaluation_figures([], [], eliminate) == {"seeds": 0, "failed": 0, **nothing}
+    failed = [{"seed": number, "links": 0, "failure": "late"} for number in (1, 2)]
+    assert evaluation_figures(rows, failed, eliminate) == {"seeds": 0, "failed": 2, **nothing}
 
 
 def test_the_lineage_is_the_chain_of_incumbents_each_once(params):

@@ -39,7 +39,7 @@ def tiny_params() -> dict:
     params["llm"]["profile"] = "local"
     params["generate"] |= {"candidates": 3, "elites": 1}
     params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
-    params["evaluate"]["seeds"] = 1
+    params["evaluate"] |= {"seeds": 1, "episodes": 8}
     params["iterations"] = [{"n": 1, "next": 2}, {"n": 2, "next": "result"}]
     params["rungs"] = [
         {"rung": 1, "pool": "validate-code", "until": 1, "keep": 2},
@@ -134,6 +134,10 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
     assert [row["iteration"] for row in results["iterations"]] == [1, 2]
     fitness = [row["value"] for row in results["curves"] if row["series"] == "fitness"]
     assert metrics["mts"] == max(fitness)
+    # Two iterations of a chain that is fused: the run's winner is the last one.
+    assert metrics["score"] == results["iterations"][-1]["score"]
+    assert metrics["final_success"]["episodes"] == 8
+    assert metrics["final_success"]["low"] < metrics["final_success"]["mean"] < metrics["final_success"]["high"]
     assert len(fitness) == metrics["epochs_spent"]
 
 
@@ -142,13 +146,13 @@ def test_the_lineage_trained_again_with_the_runs_own_seed_is_the_run(recorded, t
     params = load_params(recorded / "params.yaml")
     chain = read_lineage(recorded / "run", params)
     assert [link["iteration"] for link in chain] == [1, 2]
-    again = [row["fitness"] for row in evaluation.evaluate(chain, 2, params, tmp_path)]
+    again = [row["fitness"] for row in evaluation.evaluate(chain, 2, params, tmp_path)[0]]
     curves = tables.read(recorded / "results" / "curves.parquet", tables.CURVES)
     assert again == [fitness for _, fitness in chain_fitness(curves, chain)]
 
 
 def test_dvc_sees_metrics_and_plots(recorded):
-    assert "final_fitness" in dvc(recorded, "metrics", "show").stdout
+    assert "final_success.low" in dvc(recorded, "metrics", "show").stdout
     assert dvc(recorded, "plots", "show").returncode == 0
 
 

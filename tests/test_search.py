@@ -4,6 +4,7 @@ import itertools
 import numpy as np
 import pytest
 
+from porse.config import EliminateParams
 from porse.errors import SearchError
 from porse.search.elimination import Score, rank, ranked_pool, score, survivors
 from porse.search.feedback import Series, feedback_rows, shown_series
@@ -44,14 +45,19 @@ def curve(name, values, series="fitness"):
     ]
 
 
-def test_a_score_is_the_mean_of_the_last_epochs_and_the_highest_of_all():
+def by(window, which="mean"):
+    return EliminateParams(keep="rungs", score=which, window=window)
+
+
+def test_a_score_is_the_mean_of_the_last_epochs_or_the_highest_of_all():
     rows = curve("a", [5.0, 1.0, 2.0, 3.0]) + curve("a", [9.0] * 4, "bonus") + curve("b", [7.0])
     # (2 + 3) / 2 = 2.5; max 5
-    assert score({"candidate_id": "a", "failure": ""}, rows, 2) == Score("a", 2.5, 5.0, failed=False)
+    assert score({"candidate_id": "a", "failure": ""}, rows, by(2)) == Score("a", 2.5, 5.0, failed=False)
+    assert score({"candidate_id": "a", "failure": ""}, rows, by(2, "max")) == Score("a", 5.0, 5.0, failed=False)
 
 
 def test_a_failed_training_has_no_score_and_ranks_last():
-    failed = score({"candidate_id": "a", "failure": "its reward was not finite"}, curve("a", [5.0]), 2)
+    failed = score({"candidate_id": "a", "failure": "its reward was not finite"}, curve("a", [5.0]), by(2))
     assert failed == Score("a", 0.0, 0.0, failed=True)
     assert rank([failed, Score("b", -9.0, -9.0, failed=False)])[0].candidate_id == "b"
 
@@ -59,7 +65,7 @@ def test_a_failed_training_has_no_score_and_ranks_last():
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
 def test_a_fitness_that_is_no_number_ranks_last(value):
     scores = [
-        score({"candidate_id": name, "failure": ""}, curve(name, values), 2)
+        score({"candidate_id": name, "failure": ""}, curve(name, values), by(2))
         for name, values in (("a", [9.0, value, 9.0, 9.0]), ("b", [-9.0]))
     ]
     assert scores[0] == Score("a", 0.0, 0.0, failed=True)
@@ -78,7 +84,7 @@ def test_ranks_do_not_depend_on_the_order_of_rows_and_what_failed_outranks_nothi
         *curve("e", [9.0, float("nan")]),
     ]  # fmt: skip
     for order in itertools.permutations(rows):
-        ranked = ranked_pool(order, curves[:: 1 if order[0] is rows[0] else -1], 1)
+        ranked = ranked_pool(order, curves[:: 1 if order[0] is rows[0] else -1], by(1))
         assert [(entry.candidate_id, entry.failed) for entry in ranked] == [
             ("b", False), ("a", False), ("c", True), ("d", True), ("e", True),
         ]  # fmt: skip

@@ -87,23 +87,28 @@ def test_a_member_that_is_bred_again_is_not_a_second_member(revolve):
     assert bred(first, [candidate("a", 0)], curves(a=[5.0]), one_island, 2) == first
 
 
-@pytest.mark.parametrize(("mts", "stays"), [(1.0, True), (2.0, True), (2.5, False)])
-def test_the_best_incumbent_stays_until_its_mts_is_exceeded(params, mts, stays):
+@pytest.mark.parametrize(("score", "stays"), [(0.5, True), (1.0, True), (1.5, False)])
+def test_the_best_incumbent_stays_until_its_score_is_exceeded(params, score, stays):
     best = dataclasses.replace(params, fuse=dataclasses.replace(params.fuse, incumbent="best"))
-    earlier = incumbent([candidate("old", 0)], curves(old=[2.0, 0.0]), [], [], best)
-    assert (feedback_mts(earlier.feedback), earlier.is_new) == (2.0, True)
-    later = incumbent([candidate("new", 0)], curves(new=[mts]), [earlier.row], earlier.feedback, best)
+    # (2 + 0) / 2 = 1
+    earlier = incumbent([candidate("old", 0)], curves(old=[2.0, 0.0]), [], [], [], best)
+    assert (feedback_mts(earlier.feedback), earlier.score["score"], earlier.is_new) == (2.0, 1.0, True)
+    later = incumbent(
+        [candidate("new", 0)], curves(new=[score]), [earlier.row], [earlier.score], earlier.feedback, best
+    )
     assert (later.row["candidate_id"] == "old") == stays == (not later.is_new)
-    assert feedback_mts(later.feedback) == max(mts, 2.0)
+    assert later.score["score"] == max(score, 1.0)
 
 
 def test_the_latest_winner_is_the_incumbent_even_when_it_is_worse(params):
-    earlier = incumbent([candidate("old", 0)], curves(old=[2.0]), [], [], params)
-    later = incumbent([candidate("new", 0)], curves(new=[1.0]), [earlier.row], earlier.feedback, params)
+    earlier = incumbent([candidate("old", 0)], curves(old=[2.0]), [], [], [], params)
+    later = incumbent(
+        [candidate("new", 0)], curves(new=[1.0]), [earlier.row], [earlier.score], earlier.feedback, params
+    )
     assert later.row["candidate_id"] == "new"
 
 
 def test_the_winner_is_the_best_of_the_last_pool(params):
     rows = [candidate("a", 0), candidate("b", 1), {**candidate("young", 2), "epochs": 1}]
-    found = incumbent(rows, curves(a=[1.0, 1.0], b=[1.0, 2.0], young=[9.0]), [], [], params)
+    found = incumbent(rows, curves(a=[1.0, 1.0], b=[1.0, 2.0], young=[9.0]), [], [], [], params)
     assert found.row["candidate_id"] == "b"

@@ -185,11 +185,29 @@ def test_a_suite_runs_once_at_a_time(tmp_path):
     assert not is_locked(path)
 
 
-def metrics(mts: float, hns: float | None = None, std: float | None = None, share: float | None = None) -> dict:
+def metrics(
+    mts: float,
+    hns: float | None = None,
+    std: float | None = None,
+    share: float | None = None,
+    failed: int = 0,
+    budget: float | None = None,
+) -> dict:
+    # By hand: four fifths of MTS; three fifths, between two fifths and six fifths.
+    score = 0.8 * mts
     return {
+        "score": score,
         "mts": mts,
-        "hns": hns,
-        "evaluation": {"seeds": 2, "mts_mean": mts, "mts_std": std},
+        "hns": {"lineage": hns, "budget": budget},
+        "final_success": {"mean": 0.6 * mts, "low": 0.4 * mts, "high": 1.2 * mts, "episodes": 256},
+        "evaluation": {
+            "seeds": 2,
+            "failed": failed,
+            "score_mean": score,
+            "score_std": std,
+            "mts_mean": mts,
+            "mts_std": std,
+        },
         "epochs_spent": 90,
         "epochs_allowed": 2700,
         "replies": {"valid_share": share},
@@ -199,7 +217,7 @@ def metrics(mts: float, hns: float | None = None, std: float | None = None, shar
 CUPS = {
     "name": "cups",
     "tasks": ["SwingCup"],
-    "methods": ["human", "sparse", "porse"],
+    "methods": ["human", "sparse", "human-budget", "sparse-budget", "porse"],
     "ablations": ["none", "without-bonus"],
     "seeds": [1, 2],
     "entries": [{"task": "Kettle", "method": method, "seed": 1} for method in ("human", "sparse")],
@@ -208,36 +226,46 @@ DONE = {
     "SwingCup-human-1": metrics(0.025),
     "SwingCup-human-2": metrics(0.03, hns=0.5),
     "SwingCup-sparse-1": metrics(0.001),
-    "SwingCup-porse-1": metrics(0.995, hns=9.0, std=0.01, share=0.75),
-    "SwingCup-porse-2": metrics(0.985, hns=7.5),
+    "SwingCup-human-budget-1": metrics(0.205),
+    "SwingCup-sparse-budget-1": metrics(0.005),
+    "SwingCup-porse-1": metrics(0.995, hns=9.0, std=0.01, share=0.75, budget=8.0),
+    "SwingCup-porse-2": metrics(0.985, hns=7.5, failed=1, budget=2.25),
     "Kettle-human-1": metrics(0.2),
     "Kettle-sparse-1": metrics(0.2),
 }
 
 TABLE = """\
-entry                           state     MTS    HNS        evaluation      epochs   valid
-SwingCup-human-1                done      0.025  1.00       0.025           90/2700  -
-SwingCup-human-2                done      0.030  0.50       0.030           90/2700  -
-SwingCup-sparse-1               done      0.001  0.00       0.001           90/2700  -
-SwingCup-sparse-2               failed    -      -          -               -        -
-SwingCup-porse-1                done      0.995  41.42      0.995 +- 0.010  90/2700  0.75
-SwingCup-porse-2                done      0.985  7.50       0.985           90/2700  -
-SwingCup-porse-without-bonus-1  outdated  -      -          -               -        -
-SwingCup-porse-without-bonus-2  waiting   -      -          -               -        -
-Kettle-human-1                  done      0.200  undefined  0.200           90/2700  -
-Kettle-sparse-1                 done      0.200  undefined  0.200           90/2700  -
+entry                           state     score  MTS    HNS        HNS (budget)  success                 evaluation       epochs   valid
+SwingCup-human-1                done      0.020  0.025  1.00       0.10          0.015 (0.010 to 0.030)  0.020            90/2700  -
+SwingCup-human-2                done      0.024  0.030  0.50       undefined     0.018 (0.012 to 0.036)  0.024            90/2700  -
+SwingCup-sparse-1               done      0.001  0.001  0.00       -0.02         0.001 (0.000 to 0.001)  0.001            90/2700  -
+SwingCup-sparse-2               failed    -      -      -          -             -                       -                -        -
+SwingCup-human-budget-1         done      0.164  0.205  8.50       1.00          0.123 (0.082 to 0.246)  0.164            90/2700  -
+SwingCup-human-budget-2         waiting   -      -      -          -             -                       -                -        -
+SwingCup-sparse-budget-1        done      0.004  0.005  0.17       0.00          0.003 (0.002 to 0.006)  0.004            90/2700  -
+SwingCup-sparse-budget-2        waiting   -      -      -          -             -                       -                -        -
+SwingCup-porse-1                done      0.796  0.995  41.42      4.95          0.597 (0.398 to 1.194)  0.796 +- 0.010   90/2700  0.75
+SwingCup-porse-2                done      0.788  0.985  7.50       2.25          0.591 (0.394 to 1.182)  0.788, 1 failed  90/2700  -
+SwingCup-porse-without-bonus-1  outdated  -      -      -          -             -                       -                -        -
+SwingCup-porse-without-bonus-2  waiting   -      -      -          -             -                       -                -        -
+Kettle-human-1                  done      0.160  0.200  undefined  undefined     0.120 (0.080 to 0.240)  0.160            90/2700  -
+Kettle-sparse-1                 done      0.160  0.200  undefined  undefined     0.120 (0.080 to 0.240)  0.160            90/2700  -
 
 SwingCup-sparse-2 failed: expected water, found none
 
-task      method  ablation  seeds  MTS
-SwingCup  human   none      2      0.028 +- 0.004
-SwingCup  sparse  none      1      0.001
-SwingCup  porse   none      2      0.990 +- 0.007
-Kettle    human   none      1      0.200
-Kettle    sparse  none      1      0.200"""
-"""By hand: (0.995 - 0.001) / (0.025 - 0.001) = 41.4166...; seed 2 has no sparse entry, so that its HNS is the run's own;
-the Kettle's references are equal. The deviation of 0.995 and 0.985 is sqrt(2 x 0.005^2) = 0.00707, and that of 0.025 and
-0.03 is sqrt(2 x 0.0025^2) = 0.00354 about 0.0275."""
+task      method         ablation  seeds  score           MTS
+SwingCup  human          none      2      0.022 +- 0.003  0.028 +- 0.004
+SwingCup  sparse         none      1      0.001           0.001
+SwingCup  human-budget   none      1      0.164           0.205
+SwingCup  sparse-budget  none      1      0.004           0.005
+SwingCup  porse          none      2      0.792 +- 0.006  0.990 +- 0.007
+Kettle    human          none      1      0.160           0.200
+Kettle    sparse         none      1      0.160           0.200"""
+"""By hand: (0.995 - 0.001) / (0.025 - 0.001) = 41.4166..., and with the whole budget (0.995 - 0.005) / (0.205 - 0.005) = 4.95;
+(0.025 - 0.005) / 0.2 = 0.1, (0.205 - 0.001) / 0.024 = 8.5, (0.005 - 0.001) / 0.024 = 0.1666..., and (0.001 - 0.005) / 0.2 = -0.02.
+Seed 2 has no sparse entry, so that its HNS are the run's own; the Kettle's references are equal. The deviation of 0.995 and 0.985
+is sqrt(2 x 0.005^2) = 0.00707, that of their scores 0.796 and 0.788 is sqrt(2 x 0.004^2) = 0.00566, and that of 0.025 and 0.03
+is sqrt(2 x 0.0025^2) = 0.00354 about 0.0275, of 0.02 and 0.024 sqrt(2 x 0.002^2) = 0.00283."""
 
 
 @pytest.fixture
@@ -288,12 +316,15 @@ def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
     done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--json"], catch_exceptions=False)
     printed = json.loads(done.output)
     by_name = {row["entry"]: row for row in printed["entries"]}
-    assert by_name["SwingCup-porse-1"]["hns"] == pytest.approx(41.41667, abs=1e-5)
-    assert by_name["SwingCup-porse-1"]["evaluation_std"] == 0.01
-    assert by_name["Kettle-human-1"]["hns"] is None
+    assert by_name["SwingCup-porse-1"]["hns_lineage"] == pytest.approx(41.41667, abs=1e-5)
+    assert by_name["SwingCup-porse-1"]["hns_budget"] == pytest.approx(4.95)
+    assert by_name["SwingCup-porse-1"]["evaluation_score_std"] == 0.01
+    assert by_name["SwingCup-porse-2"]["evaluation_failed"] == 1
+    assert by_name["Kettle-human-1"]["hns_lineage"] is None
     assert by_name["SwingCup-sparse-2"]["reason"] == "expected water, found none"
-    assert printed["summary"][2] == {
+    assert printed["summary"][4] == {
         "task": "SwingCup", "method": "porse", "ablation": "none", "variant": "", "seeds": 2,
+        "score_mean": pytest.approx(0.792), "score_std": pytest.approx(0.0056569, abs=1e-7),
         "mts_mean": pytest.approx(0.99), "mts_std": pytest.approx(0.0070711, abs=1e-7),
     }  # fmt: skip
 
@@ -317,7 +348,7 @@ def tiny_params() -> dict:
     ]
     params["mutate"] |= {"pool": "eliminate-1", "mutants": 1}
     params["fuse"]["pool"] = "eliminate-mutants"
-    params["evaluate"]["seeds"] = 1
+    params["evaluate"] |= {"seeds": 1, "episodes": 8}
     return params
 
 

@@ -53,7 +53,7 @@ def test_an_empty_table_can_be_written_and_read(tmp_path):
             "one row for each one candidate of a pool, found two with iteration = 3, candidate_id = 'text'",
         ),
         ([row_of(tables.CANDIDATES, beta=math.nan)], "finite numbers in the column beta of candidates, found nan"),
-        ([row_of(tables.SCORES, fitness=-math.inf)], "finite numbers in the column fitness of scores, found -inf"),
+        ([row_of(tables.SCORES, score=-math.inf)], "finite numbers in the column score of scores, found -inf"),
         *(
             (
                 [row_of(tables.CANDIDATES, **{column: name})],

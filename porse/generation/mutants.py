@@ -43,7 +43,7 @@ class Swarm:
         if not pool.candidates or not mutants(params, iteration):
             return Swarm([], [], [])
         kind = varied(params, iteration)
-        scores = ranked_pool(pool.candidates, pool.curves, params.eliminate.window)
+        scores = ranked_pool(pool.candidates, pool.curves, params.eliminate)
         best = next(row for row in pool.candidates if row["candidate_id"] == scores[0].candidate_id)
         record = shown_series(pool.curves, best["candidate_id"])
         description = find_task(params.task).DESCRIPTION

@@ -35,7 +35,7 @@ STAGES: dict[str, Stage] = {
     "train-population": Stage(
         "stages.train_population",
         (*_ALL, "task", "seed", "candidate.goal", "candidate.bonus", "candidate.scale", "exploration", "train", "probe",
-         "iterations"),
+         "iterations", "generate.candidates"),
     ),
     "eliminate": Stage("stages.eliminate", (*_ALL, "eliminate")),
     "mutate": Stage("stages.mutate", (*_ALL, *_ASKS, "eliminate", "mutate", "fuse"), _ASKED),
@@ -46,7 +46,8 @@ STAGES: dict[str, Stage] = {
     ),
     "evaluate": Stage(
         "stages.evaluate",
-        (*_ALL, "task", "seed", "candidate", "exploration", "train", "fuse", "evaluate", "iterations", "rungs"),
+        (*_ALL, "task", "seed", "candidate", "exploration", "train", "fuse", "evaluate", "iterations", "rungs",
+         "generate.candidates"),
     ),
     "summarise": Stage(
         "stages.summarise",

@@ -51,23 +51,40 @@ METHODS: dict[str, Set] = {
         "candidate": {"goal": "sparse", "beta": 1.0, "scale": 2.0},
         "exploration": {"discretiser": "sum"},
         "generate": {"iterations": "first"},
-        "train": {"length": "run"},
+        "train": {"length": "lineage"},
         "eliminate": {"keep": "all"},
         "mutate": {"mutants": 0},
     },
     # Tang et al. 2017 inside PoRSE: cells by SimHash of the observation in place of the mapping.
     "simhash": {"candidate": {"bonus": "simhash"}},
-    # The reward that people wrote for the task: one policy.
+    # The reward that people wrote for the task: one policy, trained for as many epochs as a winning lineage.
     "human": {
         "candidate": {"goal": "human", "bonus": "none", "beta": 0.0, "scale": 1.0},
         "generate": {"elites": 0, "iterations": "first"},
+        "train": {"length": "lineage"},
         "eliminate": {"keep": "all"},
         "mutate": {"mutants": 0},
     },
-    # The fitness as a reward: one policy.
+    # The fitness as a reward: one policy, as long.
     "sparse": {
         "candidate": {"goal": "sparse", "bonus": "none", "beta": 0.0, "scale": 1.0},
         "generate": {"elites": 0, "iterations": "first"},
+        "train": {"length": "lineage"},
+        "eliminate": {"keep": "all"},
+        "mutate": {"mutants": 0},
+    },
+    # The same two, the whole budget of a run in one policy.
+    "human-budget": {
+        "candidate": {"goal": "human", "bonus": "none", "beta": 0.0, "scale": 1.0},
+        "generate": {"elites": 0, "iterations": "first"},
+        "train": {"length": "budget"},
+        "eliminate": {"keep": "all"},
+        "mutate": {"mutants": 0},
+    },
+    "sparse-budget": {
+        "candidate": {"goal": "sparse", "bonus": "none", "beta": 0.0, "scale": 1.0},
+        "generate": {"elites": 0, "iterations": "first"},
+        "train": {"length": "budget"},
         "eliminate": {"keep": "all"},
         "mutate": {"mutants": 0},
     },

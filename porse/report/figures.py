@@ -1,12 +1,19 @@
 """The figures of a run that its metrics report: pure functions over rows."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from porse.config import Params
+from porse.config import EliminateParams, Params
 from porse.report.run import Run
+from porse.search.elimination import score_of
 from porse.tables import Row
+
+CONFIDENCE = 0.95
+"""Of the interval about final success."""
+
+LENGTHS = ("lineage", "budget")
+"""How long the policies were trained that the human normalised score is measured against."""
 
 
 def human_normalised_score(mts: float, human: float, sparse: float) -> float | None:
@@ -14,10 +21,38 @@ def human_normalised_score(mts: float, human: float, sparse: float) -> float | N
     return None if human == sparse else (mts - sparse) / (human - sparse)
 
 
-def task_score(mts: float, params: Params) -> float | None:
-    """Returns the human normalised score by the references of the run's task; None where there are none."""
+def task_scores(mts: float, params: Params) -> dict[str, float | None]:
+    """Returns the human normalised score by the references of the run's task, of both lengths; None where there are none."""
     reference = params.summarise.references.get(params.task)
-    return human_normalised_score(mts, reference.human, reference.sparse) if reference else None
+    if reference is None:
+        return dict.fromkeys(LENGTHS)
+    return {
+        "lineage": human_normalised_score(mts, reference.human.lineage, reference.sparse.lineage),
+        "budget": human_normalised_score(mts, reference.human.budget, reference.sparse.budget),
+    }
+
+
+def final_success(episodes: Sequence[Row]) -> dict[str, Any]:
+    """Returns the mean outcome of whole episodes, their number, and an interval of confidence about the mean.
+
+    The interval is Wilson's where outcomes are 0 and 1 alone, else Student's. Its ends are rounded to six digits: SciPy takes
+    them from the system's logarithm, the last bits of which differ between CPUs.
+
+    Args:
+        episodes: rows of the episodes table, at least two.
+    """
+    # Imported here: it takes most of a second, and nothing else in this module needs it.
+    from scipy import stats
+
+    outcomes = [row["outcome"] for row in episodes]
+    count = len(outcomes)
+    mean = math.fsum(outcomes) / count
+    low = high = mean
+    if set(outcomes) <= {0.0, 1.0}:
+        low, high = stats.binomtest(outcomes.count(1.0), count).proportion_ci(CONFIDENCE, method="wilson")
+    elif error := math.sqrt(math.fsum((outcome - mean) ** 2 for outcome in outcomes) / (count - 1) / count):
+        low, high = stats.t.interval(CONFIDENCE, count - 1, loc=mean, scale=error)
+    return {"mean": mean, "low": float(f"{low:.6g}"), "high": float(f"{high:.6g}"), "episodes": count}
 
 
 def area_under_curve(fitness: Sequence[float]) -> float:
@@ -58,22 +93,37 @@ def chain_fitness(curves: Sequence[Row], chain: Sequence[Row]) -> list[tuple[Row
     return points
 
 
-def evaluation_figures(rows: Sequence[Row]) -> Mapping[str, Any]:
-    """Returns mean and standard deviation of the MTS that the winning lineage reached with further seeds.
+def evaluation_figures(rows: Sequence[Row], seeds: Sequence[Row], params: EliminateParams) -> dict[str, Any]:
+    """Returns how often the winning lineage was trained with further seeds, and mean and deviation of its score and its MTS.
 
-    The deviation is that of a sample (n - 1), None for fewer than two seeds. The run's own seed is not among them: it
+    The score is that of the last link, as in the run. The deviation is that of a sample (n - 1), None for fewer than two
+    seeds. A seed that failed counts as failed, and its links before that count nowhere. The run's own seed is not among them: it
     chose the lineage.
+
+    Args:
+        rows: of the evaluation table.
+        seeds: of the seeds table.
+        params: what the score is.
     """
-    best: dict[int, float] = {}
-    for row in rows:
-        best[row["seed"]] = max(row["fitness"], best.get(row["seed"], -math.inf))
-    values = [best[seed] for seed in sorted(best)]
-    if not values:
-        return {"seeds": 0, "mts_mean": None, "mts_std": None}
-    mean = math.fsum(values) / len(values)
-    spread = math.fsum((value - mean) ** 2 for value in values)
+    done = [row["seed"] for row in seeds if not row["failure"]]
+    own = [sorted((row for row in rows if row["seed"] == seed), key=lambda row: row["epoch"]) for seed in done]
+    last = max((row["iteration"] for row in rows), default=0)
+    scores = [score_of([row["fitness"] for row in each if row["iteration"] == last], params) for each in own]
     return {
-        "seeds": len(values),
-        "mts_mean": mean,
-        "mts_std": math.sqrt(spread / (len(values) - 1)) if len(values) > 1 else None,
+        "seeds": len(done),
+        "failed": len(seeds) - len(done),
+        **spread("score", scores),
+        **spread("mts", [max(row["fitness"] for row in each) for each in own]),
+    }
+
+
+def spread(name: str, values: Sequence[float]) -> dict[str, float | None]:
+    """Returns mean and deviation, that of a sample, as `NAME_mean` and `NAME_std`; None where there are too few values."""
+    if not values:
+        return {f"{name}_mean": None, f"{name}_std": None}
+    mean = math.fsum(values) / len(values)
+    squares = math.fsum((value - mean) ** 2 for value in values)
+    return {
+        f"{name}_mean": mean,
+        f"{name}_std": math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None,
     }

@@ -6,9 +6,25 @@ from pathlib import Path
 from porse import tables
 from porse.config import Params
 from porse.pool import CANDIDATES_FILE, CURVES_FILE
-from porse.search.incumbent import feedback_mts
 from porse.search.lineage import lineage
 from porse.tables import Row
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What `evaluate` found.
+
+    Attributes:
+        chain: the winning lineage: rows of the candidates table, the first link first. Its last is the run's winner.
+        rows: of the evaluation table.
+        seeds: rows of the seeds table.
+        episodes: rows of the episodes table.
+    """
+
+    chain: list[Row]
+    rows: list[Row]
+    seeds: list[Row]
+    episodes: list[Row]
 
 
 @dataclass(frozen=True)
@@ -65,5 +81,19 @@ def read_lineage(folder: Path, params: Params) -> list[Row]:
     """
     starts = [folder / str(entry.next) / "start" for entry in params.iterations]
     incumbents = [row for start in starts for row in tables.read(start / "winner.parquet", tables.CANDIDATES)]
-    feedbacks = [tables.read(start / "feedback.parquet", tables.FEEDBACK) for start in starts]
-    return lineage(incumbents, [feedback_mts(feedback) for feedback in feedbacks], params)
+    scores = [row["score"] for start in starts for row in tables.read(start / "score.parquet", tables.SURVIVORS)]
+    return lineage(incumbents, scores, params)
+
+
+def read_evaluation(folder: Path, run: Path, params: Params) -> Evaluation:
+    """Returns what `evaluate` wrote to `folder` about the run in the folder `run`.
+
+    Raises:
+        TableError: a table is missing or is not as declared.
+    """
+    return Evaluation(
+        read_lineage(run, params),
+        tables.read(folder / "evaluation.parquet", tables.EVALUATION),
+        tables.read(folder / "seeds.parquet", tables.SEEDS),
+        tables.read(folder / "episodes.parquet", tables.EPISODES),
+    )

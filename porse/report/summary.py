@@ -9,8 +9,15 @@ from typing import Any
 
 from porse import tables
 from porse.config import Params
-from porse.report.figures import area_under_curve, chain_fitness, epochs_to, evaluation_figures, task_score
-from porse.report.run import Run
+from porse.report.figures import (
+    area_under_curve,
+    chain_fitness,
+    epochs_to,
+    evaluation_figures,
+    final_success,
+    task_scores,
+)
+from porse.report.run import Evaluation, Run
 from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
 
@@ -34,7 +41,7 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
         "alpha": winner["alpha"],
         "mts": max(row["value"] for row in fitness),
         "winner_mts": max(own),
-        "fitness": survivor["fitness"],
+        "score": survivor["score"],
         "epochs": len(fitness),
         "environment_steps": len(fitness) * params.train.num_envs * params.train.steps_per_epoch,
         "replies": len(verdicts),
@@ -43,19 +50,20 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
     }
 
 
-def metrics(
-    run: Run, iterations: Sequence[Row], chain: Sequence[Row], evaluation: Sequence[Row], params: Params
-) -> dict[str, Any]:
+def metrics(run: Run, iterations: Sequence[Row], evaluation: Evaluation, params: Params) -> dict[str, Any]:
     """Returns the run's metrics, for `dvc metrics diff`. An undefined one is null."""
+    score = {(row["iteration"], row["winner_id"]): row["score"] for row in iterations}
+    winner = evaluation.chain[-1]
     replies, valid = (sum(row[name] for row in iterations) for name in ("replies", "valid_replies"))
     mts = max(row["mts"] for row in iterations)
     return {
+        "score": score[winner["iteration"], winner["candidate_id"]],
         "mts": mts,
-        "hns": task_score(mts, params),
-        "final_fitness": iterations[-1]["fitness"],
-        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, chain)]),
+        "hns": task_scores(mts, params),
+        "final_success": final_success(evaluation.episodes),
+        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, evaluation.chain)]),
         "epochs_to_threshold": epochs_to(params.summarise.thresholds.get(params.task), run, params),
-        "evaluation": evaluation_figures(evaluation),
+        "evaluation": evaluation_figures(evaluation.rows, evaluation.seeds, params.eliminate),
         "epochs_spent": sum(row["epochs"] for row in iterations),
         "epochs_allowed": allowed_epochs(params),
         "environment_steps": sum(row["environment_steps"] for row in iterations),
@@ -70,16 +78,14 @@ def metrics(
             "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
         },
         "by_iteration": {
-            str(row["iteration"]): {name: row[name] for name in ("mts", "fitness", "beta", "alpha")}
-            for row in iterations
+            str(row["iteration"]): {name: row[name] for name in ("score", "mts", "beta", "alpha")} for row in iterations
         },
     }
 
 
 def write_summary(
     run: Run,
-    chain: Sequence[Row],
-    evaluation: Sequence[Row],
+    evaluation: Evaluation,
     params: Params,
     results: Path,
     metrics_file: Path,
@@ -96,16 +102,18 @@ def write_summary(
         tables.SURVIVORS: run.survivors,
         tables.MUTANTS: run.mutants,
         tables.ITERATIONS: iterations,
-        tables.EVALUATION: evaluation,
+        tables.EVALUATION: evaluation.rows,
+        tables.SEEDS: evaluation.seeds,
+        tables.EPISODES: evaluation.episodes,
     }
     for table, rows in written.items():
         tables.write(results / f"{table.name}.parquet", table, rows)
-    text = json.dumps(metrics(run, iterations, chain, evaluation, params), indent=2, sort_keys=True)
+    text = json.dumps(metrics(run, iterations, evaluation, params), indent=2, sort_keys=True)
     metrics_file.write_text(f"{text}\n", encoding="utf-8")
-    points = enumerate(chain_fitness(run.curves, chain), start=1)
+    points = enumerate(chain_fitness(run.curves, evaluation.chain), start=1)
     lines = ([epoch, fitness, link["candidate_id"]] for epoch, (link, fitness) in points)
     _write_csv(plots / "fitness.csv", ("epoch", "fitness", "candidate"), lines)
-    shown = ("iteration", "mts", "winner_mts", "fitness", "beta", "alpha")
+    shown = ("iteration", "score", "mts", "winner_mts", "beta", "alpha")
     _write_csv(plots / "iterations.csv", shown, ([row[name] for name in shown] for row in iterations))
     return iterations
 

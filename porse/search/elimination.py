@@ -1,10 +1,10 @@
-"""Who goes on: candidates ranked by fitness over their last epochs, ties by MTS, then by candidate id."""
+"""Who goes on: candidates ranked by one declared score, ties by MTS, then by candidate id."""
 
 import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
-from porse.config import Params
+from porse.config import EliminateParams, Params
 from porse.errors import SearchError
 from porse.tables import Row
 
@@ -15,19 +15,30 @@ class Score:
 
     Attributes:
         candidate_id: whose.
-        fitness: mean fitness over the last `window` epochs.
+        value: what ranks it, see `score_of`.
         mts: highest fitness so far.
         failed: whether its training ended early, or another probe took its place, or its fitness is no number; it ranks
             behind all others.
     """
 
     candidate_id: str
-    fitness: float
+    value: float
     mts: float
     failed: bool
 
 
-def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
+def score_of(fitness: Sequence[float], params: EliminateParams) -> float:
+    """Returns the score of a training, the one number that ranks it wherever trainings are compared.
+
+    Args:
+        fitness: of its epochs, in their order; at least one.
+        params: eliminate.score says which: the `mean` over the last eliminate.window epochs, or the `max` over all, its MTS.
+    """
+    last = fitness[-params.window :]
+    return max(fitness) if params.score == "max" else math.fsum(last) / len(last)
+
+
+def score(candidate: Row, curves: Sequence[Row], params: EliminateParams) -> Score:
     """Returns the score of one candidate from the fitness rows of `curves`."""
     name = candidate["candidate_id"]
     fitness = [
@@ -37,17 +48,16 @@ def score(candidate: Row, curves: Sequence[Row], window: int) -> Score:
     ]
     if candidate["failure"] or not fitness or not all(map(math.isfinite, fitness)):
         return Score(name, 0.0, 0.0, failed=True)
-    last = fitness[-window:]
-    return Score(name, math.fsum(last) / len(last), max(fitness), failed=False)
+    return Score(name, score_of(fitness, params), max(fitness), failed=False)
 
 
-def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -> list[Score]:
+def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], params: EliminateParams) -> list[Score]:
     """Returns the scores of a pool's candidates, best first.
 
     Those that are not as old as the oldest, probes that another one beat, count as failed, before those that did fail.
     """
     oldest = max((row["epochs"] for row in candidates), default=0)
-    scores = rank([score(row, curves, window) for row in candidates])
+    scores = rank([score(row, curves, params) for row in candidates])
     young = {row["candidate_id"] for row in candidates if row["epochs"] < oldest}
     alive = [entry for entry in scores if not entry.failed]
     beaten = [replace(entry, failed=True) for entry in alive if entry.candidate_id in young]
@@ -56,8 +66,8 @@ def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], window: int) -
 
 
 def rank(scores: Sequence[Score]) -> list[Score]:
-    """Returns the scores, best first. The order is total: fitness is finite, and no two candidates have one id."""
-    return sorted(scores, key=lambda s: (s.failed, -s.fitness, -s.mts, s.candidate_id))
+    """Returns the scores, best first. The order is total: values are finite, and no two candidates have one id."""
+    return sorted(scores, key=lambda s: (s.failed, -s.value, -s.mts, s.candidate_id))
 
 
 def how_many_go_on(params: Params, declared: int, pool: int) -> int:
@@ -87,7 +97,7 @@ def score_rows(ranked: Sequence[Score], kept: Container[str], iteration: int, ru
             "rung": rung,
             "candidate_id": entry.candidate_id,
             "rank": position,
-            "fitness": entry.fitness,
+            "score": entry.value,
             "mts": entry.mts,
             "failed": entry.failed,
             "survives": entry.candidate_id in kept,
@@ -104,7 +114,7 @@ def survivor_rows(kept: Sequence[Score], iteration: int, rung: str) -> list[Row]
             "rung": rung,
             "rank": position,
             "candidate_id": entry.candidate_id,
-            "fitness": entry.fitness,
+            "score": entry.value,
         }
         for position, entry in enumerate(kept)
     ]

@@ -4,8 +4,13 @@ from porse.config import Params
 
 
 def rung_epochs(params: Params) -> int:
-    """Returns the epochs of one rung: those of `train`, or as many times more as there are iterations (train.length)."""
-    return params.train.rung_epochs * (len(params.iterations) if params.train.length == "run" else 1)
+    """Returns the epochs of one rung: those of `train`, or as many times more as train.length says."""
+    times = 1
+    if params.train.length != "iteration":
+        times *= len(params.iterations)
+    if params.train.length == "budget":
+        times *= params.generate.candidates
+    return params.train.rung_epochs * times
 
 
 def probe_epochs(params: Params) -> int:

@@ -7,12 +7,12 @@ from porse.identity import seed_for
 from porse.tables import Row
 
 
-def lineage(incumbents: Sequence[Row], mts: Sequence[float], params: Params) -> list[Row]:
+def lineage(incumbents: Sequence[Row], scores: Sequence[float], params: Params) -> list[Row]:
     """Returns the chain of candidates that were trained one on top of the other, the first one first.
 
     Args:
         incumbents: the row of the candidate that each iteration handed on.
-        mts: the highest fitness of each of their trainings.
+        scores: the score of each of their trainings.
         params: the run's parameters; where iterations start from a random policy, the chain is the best one alone.
     """
     chain: dict[str, Row] = {}
@@ -20,7 +20,7 @@ def lineage(incumbents: Sequence[Row], mts: Sequence[float], params: Params) -> 
         # An incumbent that stays is trained once.
         chain.setdefault(f"{row['iteration']}/{row['candidate_id']}", row)
     if params.fuse.policy == "random":
-        best = max(range(len(incumbents)), key=lambda index: (mts[index], -index))
+        best = max(range(len(incumbents)), key=lambda index: (scores[index], -index))
         return [incumbents[best]]
     return list(chain.values())
 
@@ -28,3 +28,8 @@ def lineage(incumbents: Sequence[Row], mts: Sequence[float], params: Params) -> 
 def evaluation_seed(params: Params, number: int) -> int:
     """Returns the run's seed in the place of which evaluation `number` (1 and up) draws."""
     return seed_for(params.seed, "evaluate", number)
+
+
+def episodes_seed(params: Params) -> int:
+    """Returns the seed of the task on which the winner plays its final episodes."""
+    return seed_for(params.seed, "episodes")

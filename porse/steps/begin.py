@@ -16,6 +16,7 @@ def begin(params: Params, out: Path) -> None:
     # Nothing to fuse with: theta_f is theta_random (algorithm 1, n = 1).
     write_checkpoint(policy_file(out, START_POLICY), random)
     tables.write(out / "winner.parquet", tables.CANDIDATES, [])
+    tables.write(out / "score.parquet", tables.SURVIVORS, [])
     tables.write(out / "feedback.parquet", tables.FEEDBACK, [])
     tables.write(out / "members.parquet", tables.MEMBERS, [])
     tables.write(out / "member_feedback.parquet", tables.MEMBER_FEEDBACK, [])

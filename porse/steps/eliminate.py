@@ -23,7 +23,7 @@ def eliminate(params: Params, iteration: int, rung: str, keep: int, trained: Pat
         SearchError: every candidate failed.
     """
     pool = read_pool(trained)
-    ranked = ranked_pool(pool.candidates, pool.curves, params.eliminate.window)
+    ranked = ranked_pool(pool.candidates, pool.curves, params.eliminate)
     going = how_many_go_on(params, keep, len(ranked))
     kept = survivors(ranked, going, f"iteration {iteration}, rung {rung}")
     names = {entry.candidate_id for entry in kept}
@@ -31,5 +31,5 @@ def eliminate(params: Params, iteration: int, rung: str, keep: int, trained: Pat
     tables.write(out / "survivors.parquet", tables.SURVIVORS, survivor_rows(kept, iteration, rung))
     rows = [row for row in pool.candidates if row["candidate_id"] in names]
     write_pool(out, rows, pool.curves, {row["policy"]: pool.policy(row) for row in rows})
-    best = f", best {kept[0].candidate_id} with fitness {kept[0].fitness:.3f}" if kept else ""
+    best = f", best {kept[0].candidate_id} with score {kept[0].value:.3f}" if kept else ""
     return f"iteration {iteration} rung {rung}: {len(kept)} of {len(ranked)} survive{best}"

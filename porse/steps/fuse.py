@@ -14,7 +14,7 @@ from porse.search.schedule import find_iteration
 
 
 def fuse(params: Params, iteration: int, start: Path, pool: Path, out: Path) -> str:
-    """Writes theta_best, theta_random and theta_f of the next iteration, the winner, the feedback and the islands to `out`.
+    """Writes theta_best, theta_random and theta_f of the next iteration, the winner, its score, the feedback and the islands to `out`.
 
     Args:
         params: the run's parameters.
@@ -41,8 +41,9 @@ def _hand_on_winner(params: Params, iteration: int, start: Path, last: Pool, out
     from porse.training.start import random_policy
 
     earlier = tables.read(start / "winner.parquet", tables.CANDIDATES)
+    score = tables.read(start / "score.parquet", tables.SURVIVORS)
     feedback = tables.read(start / "feedback.parquet", tables.FEEDBACK)
-    chosen = incumbent(last.candidates, last.curves, earlier, feedback, params)
+    chosen = incumbent(last.candidates, last.curves, earlier, score, feedback, params)
     best = read_checkpoint(last.policy(chosen.row) if chosen.is_new else policy_file(start, BEST)).policy()
     random = random_policy(params, find_iteration(params.iterations, iteration).next)
     fused = random
@@ -51,6 +52,7 @@ def _hand_on_winner(params: Params, iteration: int, start: Path, last: Pool, out
     for stem, policy in ((BEST, policy_checkpoint(best)), (RANDOM, random), (START_POLICY, fused)):
         write_checkpoint(policy_file(out, stem), policy)
     tables.write(out / "winner.parquet", tables.CANDIDATES, [chosen.row])
+    tables.write(out / "score.parquet", tables.SURVIVORS, [chosen.score])
     tables.write(out / "feedback.parquet", tables.FEEDBACK, chosen.feedback)
     row, verb = chosen.row, "wins" if chosen.is_new else "stays"
     return f"iteration {iteration}: {row['candidate_id']} {verb} with beta = {row['beta']:g}, alpha = {row['alpha']:g}"

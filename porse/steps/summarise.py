@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from porse import tables
 from porse.config import Params
-from porse.report.run import read_lineage, read_run
+from porse.report.run import read_evaluation, read_run
 from porse.report.summary import write_summary
 
 
@@ -22,9 +21,9 @@ def summarise(params: Params, run: Path, evaluation: Path, results: Path, metric
     Returns:
         What to say about it, a line for each iteration.
     """
-    evaluated = tables.read(evaluation / "evaluation.parquet", tables.EVALUATION)
-    rows = write_summary(read_run(run, params), read_lineage(run, params), evaluated, params, results, metrics, plots)
+    evaluated = read_evaluation(evaluation, run, params)
+    rows = write_summary(read_run(run, params), evaluated, params, results, metrics, plots)
     return "\n".join(
-        f"iteration {row['iteration']}: MTS {row['mts']:.3f}, winner {row['winner_id']} with fitness {row['fitness']:.3f}"
+        f"iteration {row['iteration']}: MTS {row['mts']:.3f}, winner {row['winner_id']} with score {row['score']:.3f}"
         for row in rows
     )

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import bootstrap
@@ -80,18 +81,16 @@ def compared(suite: Suite, folders: Folders, baseline: str, figures: Sequence[Fi
     for entry in suite.entries:
         if (folders.result(entry.name) / "done.json").exists():
             groups.setdefault((entry.task, entry.method, entry.ablation, entry.variant), []).append(entry)
-    rows = []
+    rows: list[dict[str, object]] = []
     for group, entries in groups.items():
         others = {entry.seed: entry for entry in groups.get((*group[:3], baseline), [])}
         for figure in figures:
             values = {entry.seed: figure.of(folders.result(entry.name)) for entry in entries}
             base = {seed: figure.of(folders.result(others[seed].name)) for seed in values if seed in others}
             differences = [values[seed] - base[seed] for seed in sorted(base)]
-            rows.append(
-                dict(zip(COLUMNS[:4], group, strict=True))
-                | {"figure": figure.name, "seeds": len(values), **spread(list(values.values()))}
-                | paired(differences)
-            )
+            row: dict[str, object] = dict(zip(COLUMNS[:4], group, strict=True))
+            row |= {"figure": figure.name, "seeds": len(values)}
+            rows.append({**row, **spread(list(values.values())), **paired(differences)})
     return rows
 
 
@@ -125,7 +124,7 @@ def paired(differences: Sequence[float]) -> dict[str, float | None]:
 
 def _interval(values: Sequence[float], method: str) -> tuple[float, float]:
     generator = np.random.default_rng(0)
-    found = bootstrap((np.array(values),), np.mean, n_resamples=_RESAMPLES, method=method, rng=generator)
+    found: Any = bootstrap((np.array(values),), np.mean, n_resamples=_RESAMPLES, method=method, rng=generator)
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 

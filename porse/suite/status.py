@@ -1,17 +1,21 @@
 """How far a suite is and what came out of it: rows, a summary over seeds, and both as text."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from porse.report.figures import human_normalised_score
+from porse.report.figures import human_normalised_score, spread
 from porse.suite.folders import Folders, folders_of, is_locked, read_json
 from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
 from porse.suite.run import failure, is_done
 
+_FIGURES = (
+    "score", "mts", "hns_lineage", "hns_budget", "success", "success_low", "success_high",
+    "evaluation_score_mean", "evaluation_score_std", "evaluation_mts_mean", "evaluation_mts_std", "evaluation_failed",
+    "epochs_spent", "epochs_allowed", "valid_share",
+)  # fmt: skip
 _NAMES = ("task", "method", "ablation", "variant")
 """What entries that differ by their seed alone have in common."""
 
@@ -73,8 +77,9 @@ def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
 def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     """Returns one row for each entry, in order; figures are None where there are none.
 
-    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task, variant
-    and seed (eq. 8), and where one of them is not done, against the references of `params.yaml`.
+    `hns_lineage` and `hns_budget` are measured against the suite's own entries of the methods `human` and `sparse`, and of
+    `human-budget` and `sparse-budget`, with the same task, variant and seed (eq. 8), and where one of the two is not done,
+    against the references of `params.yaml`.
     """
     measured = {
         (status.entry.method, status.entry.task, status.entry.variant, status.entry.seed): status.metrics["mts"]
@@ -96,18 +101,29 @@ def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) ->
         "state": status.state,
         "reason": status.reason,
     }
-    figures = ("mts", "hns", "evaluation_mean", "evaluation_std", "epochs_spent", "epochs_allowed", "valid_share")
     if metrics is None:
-        return row | dict.fromkeys(figures)
-    human, sparse = (measured.get((method, entry.task, entry.variant, entry.seed)) for method in ("human", "sparse"))
-    hns = metrics["hns"]
-    if human is not None and sparse is not None:
-        hns = human_normalised_score(metrics["mts"], human, sparse)
+        return row | dict.fromkeys(_FIGURES)
+    hns = dict(metrics["hns"])
+    for length, end in (("lineage", ""), ("budget", "-budget")):
+        human, sparse = (
+            measured.get((f"{method}{end}", entry.task, entry.variant, entry.seed)) for method in ("human", "sparse")
+        )
+        if human is not None and sparse is not None:
+            hns[length] = human_normalised_score(metrics["mts"], human, sparse)
+    success = metrics["final_success"]
     return row | {
+        "score": metrics["score"],
         "mts": metrics["mts"],
-        "hns": hns,
-        "evaluation_mean": metrics["evaluation"]["mts_mean"],
-        "evaluation_std": metrics["evaluation"]["mts_std"],
+        "hns_lineage": hns["lineage"],
+        "hns_budget": hns["budget"],
+        "success": success["mean"],
+        "success_low": success["low"],
+        "success_high": success["high"],
+        "evaluation_score_mean": metrics["evaluation"]["score_mean"],
+        "evaluation_score_std": metrics["evaluation"]["score_std"],
+        "evaluation_mts_mean": metrics["evaluation"]["mts_mean"],
+        "evaluation_mts_std": metrics["evaluation"]["mts_std"],
+        "evaluation_failed": metrics["evaluation"]["failed"],
         "epochs_spent": metrics["epochs_spent"],
         "epochs_allowed": metrics["epochs_allowed"],
         "valid_share": metrics["replies"]["valid_share"],
@@ -115,7 +131,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) ->
 
 
 def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Returns, for each task, method, ablation and variant with something done, mean and deviation of MTS over seeds.
+    """Returns, for each task, method, ablation and variant with something done, mean and deviation of score and MTS.
 
     Args:
         entries: rows of `rows`.
@@ -123,25 +139,24 @@ def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         Rows in the order of the entries. The deviation is that of a sample (n - 1), None for fewer than two seeds.
     """
-    groups: dict[tuple[str, str, str, str], list[float]] = {}
+    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
     for row in entries:
         if row["mts"] is not None:
-            groups.setdefault((row["task"], row["method"], row["ablation"], row["variant"]), []).append(row["mts"])
+            groups.setdefault(tuple(row[name] for name in _NAMES), []).append(row)
     return [
-        dict(zip(_NAMES, group, strict=True)) | {"seeds": len(values), **_mean_and_std(values)}
-        for group, values in groups.items()
+        dict(zip(_NAMES, group, strict=True))
+        | {
+            "seeds": len(done),
+            **spread("score", [row["score"] for row in done]),
+            **spread("mts", [row["mts"] for row in done]),
+        }
+        for group, done in groups.items()
     ]
-
-
-def _mean_and_std(values: Sequence[float]) -> dict[str, float | None]:
-    mean = math.fsum(values) / len(values)
-    spread = math.fsum((value - mean) ** 2 for value in values)
-    return {"mts_mean": mean, "mts_std": math.sqrt(spread / (len(values) - 1)) if len(values) > 1 else None}
 
 
 def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
     """Returns the rows and their summary as two tables for people, with the reasons of failures between them."""
-    titles = ("entry", "state", "MTS", "HNS", "evaluation", "epochs", "valid")
+    titles = ("entry", "state", "score", "MTS", "HNS", "HNS (budget)", "success", "evaluation", "epochs", "valid")
     parts = [aligned([titles, *(_cells(row) for row in entries)])]
     reasons = [f"{row['entry']} failed: {row['reason']}" for row in entries if row["reason"] is not None]
     if reasons:
@@ -149,27 +164,36 @@ def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
     groups = summary(entries)
     if groups:
         named = [name for name in _NAMES if name != "variant" or any(row["variant"] for row in groups)]
-        parts.append(aligned([(*named, "seeds", "MTS"), *(_group_cells(row, named) for row in groups)]))
+        parts.append(aligned([(*named, "seeds", "score", "MTS"), *(_group_cells(row, named) for row in groups)]))
     return "\n\n".join(parts)
 
 
 def _group_cells(group: Mapping[str, Any], named: Sequence[str]) -> tuple[str, ...]:
     cells = [group[name] or "-" for name in named]
-    return (*cells, str(group["seeds"]), _spread(group["mts_mean"], group["mts_std"]))
+    figures = (_spread(group[f"{figure}_mean"], group[f"{figure}_std"]) for figure in ("score", "mts"))
+    return (*cells, str(group["seeds"]), *figures)
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     if row["mts"] is None:
-        return (row["entry"], row["state"], "-", "-", "-", "-", "-")
+        return (row["entry"], row["state"], *["-"] * 8)
     return (
         row["entry"],
         row["state"],
+        f"{row['score']:.3f}",
         f"{row['mts']:.3f}",
-        "undefined" if row["hns"] is None else f"{row['hns']:.2f}",
-        _spread(row["evaluation_mean"], row["evaluation_std"]),
+        *("undefined" if row[name] is None else f"{row[name]:.2f}" for name in ("hns_lineage", "hns_budget")),
+        f"{row['success']:.3f} ({row['success_low']:.3f} to {row['success_high']:.3f})",
+        _evaluation(row),
         f"{row['epochs_spent']}/{row['epochs_allowed']}",
         "-" if row["valid_share"] is None else f"{row['valid_share']:.2f}",
     )
+
+
+def _evaluation(row: Mapping[str, Any]) -> str:
+    """Returns the score that the lineage reached with further seeds, and how many of these failed."""
+    failed = f", {row['evaluation_failed']} failed" if row["evaluation_failed"] else ""
+    return _spread(row["evaluation_score_mean"], row["evaluation_score_std"]) + failed
 
 
 def _spread(mean: float | None, std: float | None) -> str:

@@ -41,7 +41,7 @@ class Task(ABC):
         NUM_OBSERVATIONS: width of an observation.
         NUM_ACTIONS: width of an action; each lies in [-1, 1].
         EPISODE_LENGTH: control steps of the longest episode.
-        TIME_LIMIT: `progress` at which an episode has timed out.
+        TIME_LIMIT: `progress` at which a whole episode has timed out.
         CONTROL_DT: control step in seconds.
         SUBSTEPS: physics steps in a control step.
         OBSERVATION_CLIP: observations are clipped to +- this; infinity for none.
@@ -49,8 +49,11 @@ class Task(ABC):
         MEASURED: attributes that neither the physics state nor the other saved state gives back, saved as they are.
         VARIABLES: what generated functions may read.
         OBSERVATION_HELPERS: functions that `compute_observations` calls and prompts show with it.
+        OVER_EPISODES: whether `fitness` is a statistic over the episodes that ended, and an epoch's fitness what it is at
+            the epoch's end; else it is of the present state, and an epoch's is its mean over the steps.
         num_envs: number of environments.
         progress: steps of the running episodes, int64 `(num_envs,)`.
+        head_start: by how many steps the time limit comes sooner for them, int64 `(num_envs,)`; 0 for a whole episode.
         blown_up: simulations that diverged so far; each was started again.
     """
 
@@ -68,6 +71,7 @@ class Task(ABC):
     MEASURED: ClassVar[tuple[str, ...]] = ()
     VARIABLES: ClassVar[tuple[Variable, ...]]
     OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = ()
+    OVER_EPISODES: ClassVar[bool] = False
 
     def __init__(self, num_envs: int, seed: int, threads: int) -> None:
         """Builds the scene and starts every episode.
@@ -90,6 +94,7 @@ class Task(ABC):
         self.control_dt = self.CONTROL_DT
         self.blown_up = 0
         self.progress = torch.zeros(num_envs, dtype=torch.int64)
+        self.head_start = torch.zeros(num_envs, dtype=torch.int64)
         self.actions = torch.zeros(num_envs, self.NUM_ACTIONS)
         self._generator = torch.Generator().manual_seed(seed)
         self._diverged = torch.zeros(num_envs, dtype=torch.bool)
@@ -145,6 +150,14 @@ class Task(ABC):
     def sparse_reward(self) -> Tensor:
         """Returns the fitness as a reward of each step, float32 `(num_envs,)`."""
 
+    def episode_outcome(self, mean_sparse_reward: Tensor) -> Tensor:
+        """Returns what the running episodes are worth if they end now, `(num_envs,)`: here their mean fitness.
+
+        Args:
+            mean_sparse_reward: the mean of `sparse_reward` over the steps of each, `(num_envs,)`.
+        """
+        return mean_sparse_reward
+
     def human_reward(self) -> Tensor:
         """Returns the reward that people wrote for the original task, float32 `(num_envs,)`; else the sparse one."""
         return self.sparse_reward()
@@ -186,7 +199,7 @@ class Task(ABC):
 
     def timed_out(self) -> Tensor:
         """Returns which episodes reached the time limit, bool `(num_envs,)`."""
-        return self.progress >= self.TIME_LIMIT
+        return self.progress + self.head_start >= self.TIME_LIMIT
 
     def variables(self) -> dict[str, Value]:
         """Returns every variable of `VARIABLES` by name. Tensors are copies: no caller can change the task by them."""
@@ -206,9 +219,39 @@ class Task(ABC):
         if self.FIELDS:
             self._physics.refresh(ids)
         self.progress[ids] = 0
+        self.head_start[ids] = 0
         self.actions[ids] = 0.0
         self._diverged[ids] = False
         self._measure_started(ids)
+
+    def stagger(self, seed: int) -> None:
+        """Gives each running episode a head start from 0 up to the time limit, as if it had begun so long ago.
+
+        All phases of an episode are then met in every step, instead of one after the other. States and `progress` stay as
+        they are: no function takes a beginning for an end. Each head start is uniform by itself; together they are spread
+        evenly, one in each of `num_envs` equal stretches of an episode. Drawn apart from each other they would leave gaps and
+        crowds, which come back with every episode for as long as nothing else ends one.
+
+        Args:
+            seed: of the draw, which leaves the task's own generator alone.
+        """
+        generator = torch.Generator().manual_seed(seed)
+        stretches = torch.randperm(self.num_envs, generator=generator)
+        within = torch.randint(self.TIME_LIMIT, (self.num_envs,), generator=generator)
+        # Whole numbers all the way: the dividend is uniform on 0 to num_envs TIME_LIMIT - 1.
+        self.head_start = (stretches * self.TIME_LIMIT + within) // self.num_envs
+
+    def renew(self, mask: Tensor) -> None:
+        """Resets episodes that ended, in a training: what `stagger` has spread stays so.
+
+        Where fitness is of the present state, an episode that follows a failure has the time that the failed one had left.
+        Otherwise a policy that stops failing would leave episodes that all began a little while ago, in phase again for good.
+        A statistic over episodes looks back over all phases by itself, and its episodes have their whole time.
+        """
+        ages = self.progress + self.head_start
+        self.reset(mask)
+        if not self.OVER_EPISODES:
+            self.head_start = torch.where(mask & (ages < self.TIME_LIMIT), ages, self.head_start)
 
     @property
     def obs_buf(self) -> Tensor:
@@ -228,6 +271,7 @@ class Task(ABC):
             "blown_up": torch.tensor(self.blown_up),
             "diverged": self._diverged.clone(),
             "progress": self.progress.clone(),
+            "head_start": self.head_start.clone(),
             "actions": self.actions.clone(),
         }
         return saved | {f"measured/{name}": getattr(self, name).clone() for name in self.MEASURED}
@@ -244,6 +288,7 @@ class Task(ABC):
         self.blown_up = int(state["blown_up"])
         self._diverged = state["diverged"].clone()
         self.progress = state["progress"].clone()
+        self.head_start = state["head_start"].clone()
         self.actions = state["actions"].clone()
         for name in self.MEASURED:
             setattr(self, name, state[f"measured/{name}"].clone())

@@ -29,6 +29,10 @@ departure, the task says so.
 - First dimension `num_envs`, float32, world frame, quaternions (x, y, z, w), SI units, unless said.
 - A simulation that diverges is started again, ends its episode and is counted (`blown_up`).
 - *Sparse reward*: the fitness of each step. *Human reward*: the original's own reward.
+- *Fitness* of an epoch: of Quadcopter, Anymal and Humanoid the mean over environments and steps; of the others, which are solved or
+  not, the statistic over episodes as in the original, at the epoch's end.
+- In a training, episodes are staggered: the first ones have a head start on the time limit, spread evenly over its length. Those
+  of a task that is solved or not have no outcome.
 - Actions lie in [-1, 1].
 
 ## What holds for the two-hand tasks

@@ -123,7 +123,7 @@ class ReOrientation(PairTask):
     def _record(self) -> None:
         self._hit = self.succeeded()
         self.successes = self.successes + self._hit
-        finished = self.terminated() | self.timed_out()
+        finished = self._finished()
         if finished.any():
             mean = self.successes[finished].mean()
             self.outcomes = AVERAGING * mean + (1.0 - AVERAGING) * self.outcomes

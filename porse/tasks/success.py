@@ -14,7 +14,8 @@ class SuccessTask(Task):
 
     After each step an environment counts as its episode's outcome where the episode just ended, and otherwise as
     before: as the last mean over all environments, or, with `PER_ENV_STATISTIC`, as its own last outcome. The
-    statistic is the mean of that.
+    statistic is the mean of that. An episode with a head start is cut short, and has no outcome: that it was not
+    solved says nothing.
 
     Attributes:
         PER_ENV_STATISTIC: which of the two.
@@ -22,6 +23,7 @@ class SuccessTask(Task):
         outcomes: what each environment counts as now, `(num_envs,)`.
     """
 
+    OVER_EPISODES: ClassVar[bool] = True
     PER_ENV_STATISTIC: ClassVar[bool] = False
 
     successes: Tensor
@@ -44,10 +46,19 @@ class SuccessTask(Task):
 
     def _record(self) -> None:
         self._count()
-        finished = self.terminated() | self.timed_out()
+        finished = self._finished()
         self.outcomes = torch.where(finished, self.successes, self.outcomes)
         if not self.PER_ENV_STATISTIC:
             self.outcomes = self.outcomes.mean().repeat(self.num_envs)
+
+    def _finished(self) -> Tensor:
+        """Returns which environments have an outcome in this step, bool `(num_envs,)`: a whole episode has ended."""
+        return (self.terminated() | self.timed_out()) & (self.head_start == 0)
+
+    def episode_outcome(self, mean_sparse_reward: Tensor) -> Tensor:
+        """Returns what the running episodes have come to, `(num_envs,)`."""
+        del mean_sparse_reward
+        return self.successes.clone()
 
     def fitness(self) -> float:
         """Returns the mean outcome of the episodes."""

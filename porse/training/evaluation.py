@@ -15,11 +15,12 @@ from porse.training.rung import job_for, rung_bar
 from porse.training.start import random_policy
 
 
-def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) -> list[Row]:
-    """Returns the rows of the evaluation table: every link of the chain trained to epoch `until`, for every seed.
+def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) -> tuple[list[Row], list[Row]]:
+    """Returns the rows of the evaluation table and of the seeds table: every link trained to epoch `until`, for every seed.
 
     A link starts as it did in the run: from a random policy, or from its own fusion of the link before with one. All
-    seeds of a link are trained side by side. A training that fails leaves no row, and its seed ends there.
+    seeds of a link are trained side by side. A training that fails leaves no row in the evaluation table, and its seed ends
+    there; the seeds table says why.
 
     Args:
         chain: rows of the candidates table, the first link first.
@@ -29,14 +30,17 @@ def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) ->
     """
     seeds = {number: _with_seed(params, number) for number in range(1, params.evaluate.seeds + 1)}
     alive, rows = sorted(seeds), list[Row]()
+    ends = {number: {"seed": number, "links": len(chain), "failure": ""} for number in alive}
     for index, link in enumerate(chain):
         jobs = [_job(chain, index, seeds[number], until, scratch / str(number)) for number in alive]
         with rung_bar(params, f"evaluation, iteration {link['iteration']}", len(jobs), len(jobs) * until) as bar:
             outcomes = train_pool(jobs, params, bar.tell)
         results = dict(zip(alive, outcomes, strict=True))
         rows += _rows(results, link)
-        alive = [number for number in alive if not results[number].failure]
-    return rows
+        for number in [number for number in alive if results[number].failure]:
+            ends[number] |= {"links": index, "failure": results[number].failure}
+            alive.remove(number)
+    return rows, list(ends.values())
 
 
 def _with_seed(params: Params, number: int) -> Params:

@@ -62,7 +62,7 @@ class Trainer:
     """
 
     def __init__(self, task: Task, reward: Reward, params: TrainParams, seed: int) -> None:
-        self._params = params
+        self._params, self._seed = params, seed
         self._env = TaskEnv(task, reward)
         torch.use_deterministic_algorithms(True)
         torch.manual_seed(seed_for(seed, "ppo"))
@@ -72,12 +72,15 @@ class Trainer:
     def load(self, path: Path) -> None:
         """Goes on from the file at `path`: a policy starts at epoch 0, a checkpoint where it was written.
 
+        Where it starts, episodes are staggered: an epoch is shorter than an episode, and would else show one phase of it.
+
         Raises:
             CheckpointError: the file is missing, damaged, or of other networks.
         """
         checkpoint = read_checkpoint(path)
         load_policy(self._ppo, checkpoint, path)
         if checkpoint.scalars["kind"] == "policy":
+            self._env.task.stagger(seed_for(self._seed, "ages"))
             return
         try:
             load_optimizer(self._ppo, checkpoint)
@@ -129,7 +132,7 @@ class Trainer:
             finite("its losses were", torch.tensor(list(losses.values())))
             check_policy(self._ppo)
             self.epoch += 1
-            fitness = self._env.task.fitness()
+            fitness = self._env.fitness.take()
             finite("its fitness was", torch.tensor(fitness))
             series = {"fitness": fitness, **paid, **self._env.means.take()}
             rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]

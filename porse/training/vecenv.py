@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from porse.tasks.base import Task
+from porse.training.fitness import EpochFitness
 from porse.training.reward import EpochMeans, Reward
 
 
@@ -29,10 +30,12 @@ class TaskEnv(VecEnv):
         task: the task that is trained on.
         reward: what pays at the end of an epoch.
         means: the series of the running epoch that the reward does not know.
+        fitness: the fitness of the running epoch.
     """
 
     def __init__(self, task: Task, reward: Reward) -> None:
         self.task, self.reward, self.means = task, reward, EpochMeans()
+        self.fitness = EpochFitness()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
         self.max_episode_length = task.EPISODE_LENGTH
@@ -58,11 +61,12 @@ class TaskEnv(VecEnv):
             CandidateFailed: the reward's functions failed.
         """
         self.task.step(actions)
+        self.fitness.add(self.task)
         self.reward.see(self.task)
         terminated, timed_out = self.task.terminated(), self.task.timed_out()
         self.means.add({"terminated": terminated})
         ends = terminated | timed_out
         if bool(ends.any()):
-            self.task.reset(ends)
+            self.task.renew(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
         return self.get_observations(), torch.zeros(self.num_envs), ends, extras
