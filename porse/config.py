@@ -178,6 +178,7 @@ class EliminateParams(Section):
 
     keep: Literal["rungs", "all", "one"]
     window: Positive
+    score: Literal["mean", "max"]
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ class MutateParams(Section):
 
     pool: str
     mutants: Few
-    vary: Sequence[Literal["beta", "alpha"]]
+    vary: Sequence[Literal["beta", "alpha", "draw"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative

@@ -139,6 +139,7 @@ CANDIDATES = Table(
         Column("mapping_program", _TEXT, "the mapping as an operator list, JSON: what is trained with"),
         Column("beta", _REAL, "weight of the exploration bonus, 1", "finite"),
         Column("alpha", _REAL, "share of the previous winner in the first policy, 1", "finite"),
+        Column("draw", _INT, "0: its training has the random draws that the iteration shares; else which of its own"),
         Column("policy", _TEXT, "stem of the file in policies/ that training goes on from", "id"),
         Column("epochs", _INT, "epochs trained so far in this iteration"),
         Column("failure", _TEXT, "why its training ended early, else empty"),
@@ -154,9 +155,15 @@ CURVES = Table(
         _ITERATION,
         _RUNG,
         _CANDIDATE,
-        Column("series", _TEXT, "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME"),
+        Column(
+            "series", _TEXT, "fitness, reward, goal, bonus, terminated, episode_length, component/NAME or progress/NAME"
+        ),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
-        Column("value", _REAL, "mean over environments and the epoch's steps; fitness: at the epoch's last step"),
+        Column(
+            "value",
+            _REAL,
+            "mean over environments and the epoch's steps; fitness: at the epoch's last step; episode_length: over the episodes that ended, no row where none did",
+        ),
     ),
 )
 
@@ -201,8 +208,8 @@ MUTANTS = Table(
         Column("index", _INT, "place among the values of the reply, from 0"),
         _CANDIDATE,
         Column("parent_id", _TEXT, "the best survivor", "ids"),
-        Column("varied", _TEXT, "beta or alpha"),
-        Column("proposed", _REAL, "the model's value, 1", "finite"),
+        Column("varied", _TEXT, "beta, alpha or draw"),
+        Column("proposed", _REAL, "the model's value, 1; of a draw its number", "finite"),
         Column("value", _REAL, "the value after the particle-swarm step, 1", "finite"),
     ),
 )
@@ -212,7 +219,7 @@ FEEDBACK = Table(
     "one point of one series of the winner, as the next prompts show it",
     ("series", "epoch"),
     (
-        Column("series", _TEXT, "fitness, component/NAME or progress/NAME"),
+        Column("series", _TEXT, "fitness, episode_length, component/NAME or progress/NAME"),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
         Column("value", _REAL, "the series at that epoch"),
         Column("maximum", _REAL, "over all epochs of the iteration"),

@@ -130,7 +130,7 @@ class Trainer:
             self.epoch += 1
             fitness = self._env.task.fitness()
             finite("its fitness was", torch.tensor(fitness))
-            series = {"fitness": fitness, **self._env.means.take()}
+            series = {"fitness": fitness, **self._env.means.take(), **self._env.lengths.take()}
             rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]
             progress(self.epoch, fitness)
         return rows

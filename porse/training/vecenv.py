@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from porse.tasks.base import Task
+from porse.training.episodes import EpisodeLengths
 from porse.training.reward import EpochMeans, Reward
 
 
@@ -28,11 +29,13 @@ class TaskEnv(VecEnv):
         task: the task that is trained on.
         reward: what pays.
         means: the series of the running epoch, in the reward's own scale.
+        lengths: of the episodes that ended in the running epoch.
     """
 
     def __init__(self, task: Task, reward: Reward, reward_scale: float) -> None:
         self._reward_scale = reward_scale
         self.task, self.reward, self.means = task, reward, EpochMeans()
+        self.lengths = EpisodeLengths()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
         self.max_episode_length = task.EPISODE_LENGTH
@@ -63,6 +66,7 @@ class TaskEnv(VecEnv):
         self.means.add({**payment.series, "reward": payment.total, "terminated": terminated})
         ends = terminated | timed_out
         if bool(ends.any()):
+            self.lengths.add(self.task.progress[ends])
             self.task.reset(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
         return self.get_observations(), self._reward_scale * payment.total.float(), ends, extras
