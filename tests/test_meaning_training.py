@@ -488,6 +488,8 @@ def test_candidates_of_an_iteration_share_their_draws_and_iterations_and_runs_do
     }
     assert seeds == {("a", 3): named('[5,"training",3]'), ("b", 3): named('[5,"training",3]'), ("a", 4): named('[5,"training",4]')}  # fmt: skip
     assert job_for(row("a", 0), tmp_path, 4, small, tmp_path).seed == seed_for(small.seed, "training", 3)
+    own = {draw: job_for(row("a", 0, iteration=3, draw=draw), tmp_path, 4, five, tmp_path).seed for draw in (1, 2)}
+    assert own == {1: named('[5,"training",3,"draw",1]'), 2: named('[5,"training",3,"draw",2]')}
 
 
 def test_a_job_is_what_the_candidates_row_says(small, tmp_path):

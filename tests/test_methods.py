@@ -62,15 +62,26 @@ def test_llmcount_trains_six_policies_for_15000_epochs_each():
     assert work(params, 2) == []
 
 
-@pytest.mark.parametrize("ablation", [name for name in ABLATIONS if name not in ("without-bonus", "fixed-beta")])
-def test_an_ablation_spends_what_porse_spends(ablation):
-    assert total_epochs(parsed(ablation=ablation)) == total_epochs(parsed())
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_an_ablation_spends_the_papers_budget_in_every_iteration_as_porse_does(ablation):
+    params = parsed(ablation=ablation, train={"rung_epochs": 500})
+    assert [sum(cost.epochs for cost in work(params, n)) for n in range(1, 6)] == [18_000] * 5
+    assert total_epochs(params) == 90_000
 
 
-@pytest.mark.parametrize("ablation", ["without-bonus", "fixed-beta"])
-def test_without_a_beta_to_vary_the_first_iteration_has_no_mutants(ablation):
-    # J = 5 mutants x 3 rungs x 15 epochs less, and every other iteration varies alpha.
-    assert total_epochs(parsed()) - total_epochs(parsed(ablation=ablation)) == 5 * 3 * 15
+@pytest.mark.parametrize(
+    ("ablation", "reason"),
+    [("beyond-goal", "it changes what a model is asked for"), ("gpt-4o-mini", "it changes which model is asked")],
+)
+def test_an_ablation_that_the_grammar_cannot_express_is_refused_with_a_sentence(ablation, reason):
+    document = {**committed_params(), "ablation": ablation, "generator": "grammar"}
+    with pytest.raises(ParamsError) as found:
+        parse_params(document, "params.yaml")
+    assert str(found.value) == (
+        f"expected generator to be model with the ablation {ablation}, since {reason}, found 'grammar' in params.yaml; "
+        "the grammar asks nobody, so the run would be that without the ablation: change one of the two"
+    )
+    assert parse_params({**document, "generator": "model"}, "params.yaml").ablation == ablation
 
 
 @pytest.mark.parametrize("kind", ["method", "ablation"])

@@ -129,7 +129,7 @@ def trained(root, project) -> Path:
         "iteration": 1, "slot": 0, "candidate_id": "one", "origin": "new", "parent_id": "", "reward_key": "",
         "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING,
         "reward_program": traced(REWARD, "reward", OFFERED).text,
-        "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8,
+        "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
     write_pool(project / "pool", [row, {**row, "candidate_id": "two", "slot": 1, "beta": 0.5}], [], {"fused": start})

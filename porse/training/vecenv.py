@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from porse.tasks.base import Task
-from porse.training.episodes import EpisodeLengths
+from porse.training.lengths import EpisodeLengths
 from porse.training.reward import EpochMeans, Reward
 
 
