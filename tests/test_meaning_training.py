@@ -282,6 +282,22 @@ def trainer(pencil, seed, task=None):
     return Trainer(task or Task(), Reward(goal_of_task, NoBonus(), 0.0, 1.0), pencil, seed)
 
 
+def test_episode_lengths_are_those_of_the_episodes_that_ended_in_an_epoch_before_they_were_reset(pencil):
+    class Aged(Task):
+        def step(self, actions):
+            super().step(actions)
+            self.progress = self.progress + torch.tensor([1, 3, 8])
+
+        def reset(self, mask):
+            super().reset(mask)
+            self.progress[mask] = 0
+
+    two_steps = dataclasses.replace(pencil, steps_per_epoch=2)
+    rows = trainer(two_steps, 5, Aged()).train(2, lambda *_: None, lambda _: None)
+    # in the second step, the last of the first epoch, the second and third episode end, at 6 and 16; then none does
+    assert [(row.epoch, row.value) for row in rows if row.series == "episode_length"] == [(1, 11.0)]
+
+
 def test_a_training_draws_from_a_generator_that_its_seed_names(pencil):
     trainer(pencil, 5)
     after = torch.get_rng_state()
