@@ -1,5 +1,6 @@
 """Suites: what a file asks for, what the status says of hand-made results, and one real suite at tiny size."""
 
+import dataclasses
 import json
 import os
 import re
@@ -15,8 +16,10 @@ from click.testing import CliRunner
 
 import tiny
 from porse.cli import main
+from porse.config import parse_params
 from porse.errors import ParamsError, PorseError
 from porse.identity import canonical_json
+from porse.search.schedule import total_epochs
 from porse.suite.folders import folders_of, is_locked, locked, write_json
 from porse.suite.plan import load_suite, parse_suite
 from porse.suite.resolve import code_id, laid_over, resolve, tracked_files
@@ -50,6 +53,49 @@ def test_entries_are_tasks_by_methods_by_ablations_by_seeds_and_then_those_liste
     ]  # fmt: skip
 
 
+def test_a_variant_is_a_name_and_overrides_in_every_combination():
+    suite = parse_suite(
+        {
+            **PLAIN,
+            "seeds": [1, 2],
+            "variants": {"low": {"candidate": {"beta": 0.2}}, "high": {"candidate": {"beta": 1.7}}},
+            "entries": [{"task": "Over", "method": "porse", "variant": "own", "seed": 3, "overrides": {"seeds": 1}}],
+        },
+        "a.yaml",
+    )
+    assert [(entry.name, entry.overrides) for entry in suite.entries] == [
+        ("Quadcopter-porse-low-1", {"candidate": {"beta": 0.2}}),
+        ("Quadcopter-porse-low-2", {"candidate": {"beta": 0.2}}),
+        ("Quadcopter-porse-high-1", {"candidate": {"beta": 1.7}}),
+        ("Quadcopter-porse-high-2", {"candidate": {"beta": 1.7}}),
+        ("Over-porse-own-3", {"seeds": 1}),
+    ]
+
+
+def test_the_beta_sweep_is_figure_6_and_nothing_but_beta_differs_in_it(root):
+    resolved = resolve(load_suite(root / "suites" / "beta-sweep.yaml"), root, "", "beta-sweep.yaml")
+    assert len(resolved) == 2 * 7 * 5
+    entries = [parse_params(each.params, each.entry.name) for each in resolved]
+    # R_g : R_e of the figure, with Eureka's and LLMCount's ends
+    weights = {each.entry.variant: params.candidate for each, params in zip(resolved, entries, strict=True)}
+    assert {name: (round(own.scale - own.beta, 6), own.beta) for name, own in weights.items()} == {
+        "2-to-0": (2.0, 0.0),
+        "1.5-to-0.5": (1.5, 0.5),
+        "1.2-to-0.8": (1.2, 0.8),
+        "1-to-1": (1.0, 1.0),
+        "0.8-to-1.2": (0.8, 1.2),
+        "0.5-to-1.5": (0.5, 1.5),
+        "0-to-2": (0.0, 2.0),
+    }
+    # One policy of 3000 epochs each, and no mutant to change beta.
+    assert {total_epochs(params) for params in entries} == {3000}
+    same = {
+        repr(dataclasses.replace(params, candidate=dataclasses.replace(params.candidate, beta=1.0), seed=1, task="T"))
+        for params in entries
+    }
+    assert len(same) == 1
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -70,6 +116,14 @@ def test_entries_are_tasks_by_methods_by_ablations_by_seeds_and_then_those_liste
         ({"entries": ["Over"]}, re.escape("expected entries[0] to be a mapping, found 'Over'")),
         ({"overrides": {"seed": 2}}, "expected overrides to leave seed alone in a.yaml, found 2"),
         ({"overrides": ["seed"]}, "expected overrides to be a value of type dict"),
+        ({"variants": {"a b": {}}}, re.escape("expected variants.a b to be named by letters, digits")),
+        ({"variants": {1: {}}}, re.escape("expected variants.1 to be named by letters, digits")),
+        ({"variants": {"a": 0.5}}, re.escape("expected variants.a to be a mapping of parameters, found 0.5")),
+        ({"variants": {"a": {"task": "Over"}}}, "expected variants.a to leave task alone"),
+        (
+            {"entries": [{"task": "Over", "method": "porse", "seed": 1, "variant": "../a"}]},
+            re.escape("expected entries[0].variant to be named by letters, digits"),
+        ),
     ],
 )
 def test_what_a_file_must_not_say_is_refused(changed, message):
@@ -261,7 +315,7 @@ def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
     assert by_name["Kettle-human-1"]["hns"] is None
     assert by_name["SwingCup-sparse-2"]["reason"] == "expected water, found none"
     assert printed["summary"][2] == {
-        "task": "SwingCup", "method": "porse", "ablation": "none", "seeds": 2,
+        "task": "SwingCup", "method": "porse", "ablation": "none", "variant": "", "seeds": 2,
         "mts_mean": pytest.approx(0.99), "mts_std": pytest.approx(0.0070711, abs=1e-7),
     }  # fmt: skip
 

@@ -27,12 +27,14 @@ class Entry:
     """One run of a suite.
 
     Attributes:
+        variant: names its overrides, empty where they need no name.
         overrides: laid over `params.yaml`, after the overrides of the suite.
     """
 
     task: str
     method: str
     ablation: str
+    variant: str
     seed: Seed
     overrides: dict
 
@@ -40,7 +42,8 @@ class Entry:
     def name(self) -> str:
         """The entry's name, which its folder and its log have: `Quadcopter-porse-without-fusion-2`."""
         ablation = () if self.ablation == "none" else (self.ablation,)
-        return "-".join((self.task.replace(":", "."), self.method, *ablation, str(self.seed)))
+        variant = (self.variant,) if self.variant else ()
+        return "-".join((self.task.replace(":", "."), self.method, *ablation, *variant, str(self.seed)))
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class _File:
     tasks: Sequence[str]
     methods: Sequence[str]
     ablations: Sequence[str]
+    variants: dict
     seeds: Sequence[Seed]
     overrides: dict
     entries: list
@@ -87,14 +91,15 @@ def load_suite(path: Path) -> Suite:
 def parse_suite(document: Any, where: str) -> Suite:
     """Returns the checked suite of a parsed document; `where` names it in errors.
 
-    Its entries are tasks x methods x ablations x seeds, the seed fastest, then those listed one by one. An ablation is
-    one of PoRSE: other methods are combined with `none` alone. `ablations`, `overrides` and `entries` may be left out:
-    no ablation, nothing else changed, no further entries.
+    Its entries are tasks x methods x ablations x variants x seeds, the seed fastest, then those listed one by one. An
+    ablation is one of PoRSE: other methods are combined with `none` alone. A variant is a name and overrides. `ablations`,
+    `variants`, `overrides` and `entries` may be left out: no ablation, nothing else changed, no further entries.
 
     Raises:
         ParamsError: something is missing, unknown, mistyped or asked for twice.
     """
-    file: _File = convert(_with(document, ablations=["none"], overrides={}, entries=[]), _File, "", where)
+    optional = {"ablations": ["none"], "variants": {}, "overrides": {}, "entries": []}
+    file: _File = convert(_with(document, **optional), _File, "", where)
     if not _FILE_NAME.fullmatch(file.name):
         raise ParamsError(wrong("name", "letters, digits, dots, dashes and underscores", file.name, where))
     _check_overrides(file.overrides, "overrides", where)
@@ -104,11 +109,16 @@ def parse_suite(document: Any, where: str) -> Suite:
         _check_known(method, METHODS, f"methods[{index}]", where)
     for index, ablation in enumerate(file.ablations):
         _check_known(ablation, ABLATIONS, f"ablations[{index}]", where)
+    for variant, overrides in file.variants.items():
+        _check_variant(variant, f"variants.{variant}", where)
+        _check_mapping(overrides, f"variants.{variant}", where)
+        _check_overrides(overrides, f"variants.{variant}", where)
     combined = [
-        Entry(task, method, ablation, seed, {})
+        Entry(task, method, ablation, variant, seed, overrides)
         for task in file.tasks
         for method in file.methods
         for ablation in (file.ablations if method == "porse" else ("none",))
+        for variant, overrides in (file.variants or {"": {}}).items()
         for seed in file.seeds
     ]
     listed = [_parse_entry(item, f"entries[{index}]", where) for index, item in enumerate(file.entries)]
@@ -122,10 +132,12 @@ def _with(document: Any, **optional: Any) -> Any:
 
 
 def _parse_entry(item: Any, name: str, where: str) -> Entry:
-    entry: Entry = convert(_with(item, ablation="none", overrides={}), Entry, name, where)
+    entry: Entry = convert(_with(item, ablation="none", variant="", overrides={}), Entry, name, where)
     _check_task(entry.task, f"{name}.task", where)
     _check_known(entry.method, METHODS, f"{name}.method", where)
     _check_known(entry.ablation, ABLATIONS, f"{name}.ablation", where)
+    if entry.variant:
+        _check_variant(entry.variant, f"{name}.variant", where)
     _check_overrides(entry.overrides, f"{name}.overrides", where)
     return entry
 
@@ -134,6 +146,16 @@ def _check_task(value: str, name: str, where: str) -> None:
     # One outside the package is found by the first stage, among the tracked files.
     if not _OWN_TASK.fullmatch(value):
         _check_known(value, TASK_CLASSES, name, where)
+
+
+def _check_variant(value: Any, name: str, where: str) -> None:
+    if not isinstance(value, str) or not _FILE_NAME.fullmatch(value):
+        raise ParamsError(wrong(name, "named by letters, digits, dots, dashes and underscores", value, where))
+
+
+def _check_mapping(value: Any, name: str, where: str) -> None:
+    if not isinstance(value, dict):
+        raise ParamsError(wrong(name, "a mapping of parameters", value, where))
 
 
 def _check_known(value: str, known: Iterable[str], name: str, where: str) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from porse.report.figures import human_normalised_score
+from porse.report.trends import GROUPED
 from porse.suite.folders import Folders, folders_of, is_locked, read_json
 from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
@@ -76,7 +77,7 @@ def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     measured = {
         (status.entry.method, status.entry.task, status.entry.seed): status.metrics["mts"]
         for status in statuses
-        if status.metrics is not None and status.entry.ablation == "none"
+        if status.metrics is not None and status.entry.ablation == "none" and not status.entry.variant
     }
     return [_row(status, measured) for status in statuses]
 
@@ -88,6 +89,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict
         "task": entry.task,
         "method": entry.method,
         "ablation": entry.ablation,
+        "variant": entry.variant,
         "seed": entry.seed,
         "state": status.state,
         "reason": status.reason,
@@ -111,7 +113,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict
 
 
 def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Returns, for each task, method and ablation with something done, mean and deviation of MTS over seeds.
+    """Returns, for each task, method, ablation and variant with something done, mean and deviation of MTS over seeds.
 
     Args:
         entries: rows of `rows`.
@@ -119,13 +121,13 @@ def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         Rows in the order of the entries. The deviation is that of a sample (n - 1), None for fewer than two seeds.
     """
-    groups: dict[tuple[str, str, str], list[float]] = {}
+    groups: dict[tuple[str, ...], list[float]] = {}
     for row in entries:
         if row["mts"] is not None:
-            groups.setdefault((row["task"], row["method"], row["ablation"]), []).append(row["mts"])
+            groups.setdefault(tuple(row[name] for name in GROUPED), []).append(row["mts"])
     return [
-        {"task": task, "method": method, "ablation": ablation, "seeds": len(values), **_mean_and_std(values)}
-        for (task, method, ablation), values in groups.items()
+        {**dict(zip(GROUPED, group, strict=True)), "seeds": len(values), **_mean_and_std(values)}
+        for group, values in groups.items()
     ]
 
 
@@ -144,12 +146,13 @@ def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
         parts.append("\n".join(reasons))
     groups = summary(entries)
     if groups:
-        parts.append(_aligned([("task", "method", "ablation", "seeds", "MTS"), *(_group_cells(row) for row in groups)]))
+        shown = GROUPED if any(group["variant"] for group in groups) else GROUPED[:-1]
+        parts.append(_aligned([(*shown, "seeds", "MTS"), *(_group_cells(row, shown) for row in groups)]))
     return "\n\n".join(parts)
 
 
-def _group_cells(group: Mapping[str, Any]) -> tuple[str, ...]:
-    names = (group["task"], group["method"], group["ablation"], str(group["seeds"]))
+def _group_cells(group: Mapping[str, Any], shown: Sequence[str]) -> tuple[str, ...]:
+    names = (*(group[name] or "-" for name in shown), str(group["seeds"]))
     return (*names, _spread(group["mts_mean"], group["mts_std"]))
 
 
