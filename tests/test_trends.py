@@ -77,7 +77,7 @@ def test_trends_are_means_over_the_runs_of_one_task_method_and_ablation(tmp_path
     rows = trends(read_finished(folder) for folder in folders)
     # (1.8 + 1.2) / 2, and sqrt(2 x 0.3^2) of it
     assert rows[0] == {
-        "task": "Quadcopter", "method": "porse", "ablation": "none", "iteration": 1, "varied": "beta", "runs": 2,
+        "task": "Quadcopter", "method": "porse", "ablation": "none", "variant": "", "iteration": 1, "varied": "beta", "runs": 2,
         "mean": pytest.approx(1.5), "std": pytest.approx(0.424264, abs=1e-6),
     }  # fmt: skip
     assert trends_table(rows).splitlines() == [
@@ -115,15 +115,8 @@ def sweep(tmp_path, monkeypatch):
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(tiny.committed_params()))
     (tmp_path / "dvc.yaml").write_text("stages: {a: {cmd: x, deps: [code]}}")
     (tmp_path / "sweep.yaml").write_text(
-        yaml.safe_dump(
-            {
-                "name": "sweep",
-                "tasks": ["Quadcopter"],
-                "methods": ["porse"],
-                "seeds": [4],
-                "variants": {"low": {"candidate": {"beta": 0.5}}, "high": {"candidate": {"beta": 1.5}}},
-            }
-        )  # fmt: skip
+        "{name: sweep, tasks: [Quadcopter], methods: [porse], seeds: [4], "
+        "variants: {low: {candidate: {beta: 0.5}}, high: {candidate: {beta: 1.5}}}}"
     )
     tiny.run(tmp_path, "git", "init", "-q")
     tiny.run(tmp_path, "git", "add", "-A")
@@ -150,4 +143,4 @@ def test_a_suites_curves_are_those_of_its_finished_entries(sweep):
 
 def test_a_suites_trends_are_those_of_its_finished_entries(sweep):
     said = CliRunner().invoke(main, ["suite", "trends", "sweep.yaml"], catch_exceptions=False).output
-    assert said.splitlines()[2:] == ["| Quadcopter | porse | none | 1 | 1.800 |"]
+    assert said.splitlines()[2:] == ["| Quadcopter | porse | none | high | 1 | 1.800 |"]
