@@ -84,7 +84,7 @@ def test_an_ablation_that_the_grammar_cannot_express_is_refused_with_a_sentence(
         parse_params(document, "params.yaml")
     assert str(found.value) == (
         f"expected generator to be model with the ablation {ablation}, since {reason}, found 'grammar' in params.yaml; "
-        "the grammar asks nobody, so the run would be that without the ablation: change one of the two"
+        "nobody is asked then, so the run would be that without the ablation: change one of the two"
     )
     assert parse_params({**document, "generator": "model"}, "params.yaml").ablation == ablation
 

@@ -53,52 +53,23 @@ def test_entries_are_tasks_by_methods_by_ablations_by_seeds_and_then_those_liste
     ]  # fmt: skip
 
 
-def test_a_variant_is_a_name_and_overrides_in_every_combination():
-    suite = parse_suite(
-        {
-            **PLAIN,
-            "seeds": [1, 2],
-            "variants": {"low": {"candidate": {"beta": 0.2}}, "high": {"candidate": {"beta": 1.7}}},
-            "entries": [{"task": "Over", "method": "porse", "variant": "own", "seed": 3, "overrides": {"seeds": 1}}],
-        },
-        "a.yaml",
-    )
+def test_a_variant_is_an_entry_of_its_own_with_its_overrides():
+    half, none = {"exploration": {"lambda": 0.5}}, {"candidate": {"bonus": "none"}}
+    suite = parse_suite({**PLAIN, "seeds": [3, 4], "variants": {"lambda-0.5": half, "none": none}}, "a.yaml")
     assert [(entry.name, entry.overrides) for entry in suite.entries] == [
-        ("Quadcopter-porse-low-1", {"candidate": {"beta": 0.2}}),
-        ("Quadcopter-porse-low-2", {"candidate": {"beta": 0.2}}),
-        ("Quadcopter-porse-high-1", {"candidate": {"beta": 1.7}}),
-        ("Quadcopter-porse-high-2", {"candidate": {"beta": 1.7}}),
-        ("Over-porse-own-3", {"seeds": 1}),
+        ("Quadcopter-porse-lambda-0.5-3", half),
+        ("Quadcopter-porse-lambda-0.5-4", half),
+        ("Quadcopter-porse-none-3", none),
+        ("Quadcopter-porse-none-4", none),
     ]
-
-
-def test_the_beta_sweep_is_figure_6_and_nothing_but_beta_differs_in_it(root):
-    resolved = resolve(load_suite(root / "suites" / "beta-sweep.yaml"), root, "", "beta-sweep.yaml")
-    assert len(resolved) == 2 * 7 * 5
-    entries = [parse_params(each.params, each.entry.name) for each in resolved]
-    # R_g : R_e of the figure, with Eureka's and LLMCount's ends
-    weights = {each.entry.variant: params.candidate for each, params in zip(resolved, entries, strict=True)}
-    assert {name: (round(own.scale - own.beta, 6), own.beta) for name, own in weights.items()} == {
-        "2-to-0": (2.0, 0.0),
-        "1.5-to-0.5": (1.5, 0.5),
-        "1.2-to-0.8": (1.2, 0.8),
-        "1-to-1": (1.0, 1.0),
-        "0.8-to-1.2": (0.8, 1.2),
-        "0.5-to-1.5": (0.5, 1.5),
-        "0-to-2": (0.0, 2.0),
-    }
-    # One policy of 3000 epochs each, and no mutant to change beta.
-    assert {total_epochs(params) for params in entries} == {3000}
-    same = {
-        repr(dataclasses.replace(params, candidate=dataclasses.replace(params.candidate, beta=1.0), seed=1, task="T"))
-        for params in entries
-    }
-    assert len(same) == 1
 
 
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
+        ({"variants": {"a/b": {}}}, "expected a variant to be letters, digits, .* found 'a/b' in a.yaml"),
+        ({"variants": {"a": 1}}, "expected variants.a to be parameters and their values, found 1 in a.yaml"),
+        ({"variants": {"a": {"task": "Over"}}}, "expected variants.a to leave task alone in a.yaml, found 'Over'"),
         ({"taks": ["Over"]}, "found taks; did you mean tasks?"),
         ({"seeds": []}, "expected seeds to be a list with at least one entry"),
         ({"seeds": [True]}, re.escape("expected seeds[0] to be a value of type int, found True")),
@@ -116,14 +87,6 @@ def test_the_beta_sweep_is_figure_6_and_nothing_but_beta_differs_in_it(root):
         ({"entries": ["Over"]}, re.escape("expected entries[0] to be a mapping, found 'Over'")),
         ({"overrides": {"seed": 2}}, "expected overrides to leave seed alone in a.yaml, found 2"),
         ({"overrides": ["seed"]}, "expected overrides to be a value of type dict"),
-        ({"variants": {"a b": {}}}, re.escape("expected variants.a b to be named by letters, digits")),
-        ({"variants": {1: {}}}, re.escape("expected variants.1 to be named by letters, digits")),
-        ({"variants": {"a": 0.5}}, re.escape("expected variants.a to be a mapping of parameters, found 0.5")),
-        ({"variants": {"a": {"task": "Over"}}}, "expected variants.a to leave task alone"),
-        (
-            {"entries": [{"task": "Over", "method": "porse", "seed": 1, "variant": "../a"}]},
-            re.escape("expected entries[0].variant to be named by letters, digits"),
-        ),
     ],
 )
 def test_what_a_file_must_not_say_is_refused(changed, message):
@@ -143,6 +106,29 @@ def test_the_suites_of_the_project_are_fine(root):
     for path in (root / "suites").glob("*.yaml"):
         assert load_suite(path).name == path.stem
         resolve(load_suite(path), root, "", str(path))
+
+
+def test_the_beta_sweep_is_figure_6_and_nothing_but_beta_differs_in_it(root):
+    resolved = resolve(load_suite(root / "suites" / "beta-sweep.yaml"), root, "", "beta-sweep.yaml")
+    assert len(resolved) == 2 * 7 * 5
+    entries = [parse_params(each.params, each.entry.name) for each in resolved]
+    # R_g : R_e of the figure, with Eureka's and LLMCount's ends
+    weights = {each.entry.variant: params.candidate for each, params in zip(resolved, entries, strict=True)}
+    assert {name: (round(own.scale - own.beta, 6), own.beta) for name, own in weights.items()} == {
+        "2-to-0": (2.0, 0.0),
+        "1.5-to-0.5": (1.5, 0.5),
+        "1.2-to-0.8": (1.2, 0.8),
+        "1-to-1": (1.0, 1.0),
+        "0.8-to-1.2": (0.8, 1.2),
+        "0.5-to-1.5": (0.5, 1.5),
+        "0-to-2": (0.0, 2.0),
+    }
+    # One policy of 3000 epochs each, and no mutant to change beta.
+    assert {total_epochs(params) for params in entries} == {3000}
+    for task in ("DoorOpenInward", "TwoCatchUnderarm"):
+        own = [params for params in entries if params.task == task]
+        alike = [dataclasses.replace(p, candidate=dataclasses.replace(p.candidate, beta=1.0), seed=1) for p in own]
+        assert len({repr(params) for params in alike}) == 1
 
 
 def test_overrides_merge_mappings_and_replace_everything_else():
@@ -303,6 +289,24 @@ def cups(project) -> Path:
 def test_the_status_of_hand_made_results_is_this_table(cups):
     entries = rows(suite_status(load_suite(cups / "cups.yaml"), cups, "cups.yaml"))
     assert status_text(entries) == TABLE
+
+
+def test_variants_are_summed_up_apart():
+    row = {
+        "entry": "a",
+        "task": "Kettle",
+        "method": "porse",
+        "ablation": "none",
+        "seed": 1,
+        "state": "done",
+        "reason": None,
+    }
+    row |= {"hns": None, "evaluation_mean": None, "evaluation_std": None, "epochs_spent": 1, "epochs_allowed": 1}
+    entries = [row | {"variant": name, "mts": mts, "valid_share": None} for name, mts in (("", 0.25), ("half", 0.75))]
+    assert status_text(entries).splitlines()[-2:] == [
+        "Kettle  porse   none      -        1      0.250",
+        "Kettle  porse   none      half     1      0.750",
+    ]
 
 
 def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):

@@ -25,7 +25,7 @@ def overridden(document: Mapping[str, Any], where: str) -> dict[str, Any]:
 
     Raises:
         ParamsError: the method or the ablation is unknown, or replaces what the pipeline's files are written from; or the
-            ablation is one of a model's and the grammar writes.
+            ablation is one of a model's and no model writes.
     """
     result = dict(document)
     for _, sections in _chosen(document, where):
@@ -64,11 +64,11 @@ def _chosen(document: Mapping[str, Any], where: str) -> list[tuple[Origin, Set]]
 
 def _check_generator(document: Mapping[str, Any], where: str) -> None:
     """Raises a ParamsError where an ablation concerns the model, and no model is asked."""
-    ablation = document.get("ablation")
-    if document.get("generator") == "grammar" and ablation in ASKED:
+    ablation, generator = document.get("ablation"), document.get("generator")
+    if generator != "model" and ablation in ASKED:
         raise ParamsError(
-            f"expected generator to be model with the ablation {ablation}, since {ASKED[ablation]}, found 'grammar' in "
-            f"{where}; the grammar asks nobody, so the run would be that without the ablation: change one of the two"
+            f"expected generator to be model with the ablation {ablation}, since {ASKED[ablation]}, found {generator!r} in "
+            f"{where}; nobody is asked then, so the run would be that without the ablation: change one of the two"
         )
 
 

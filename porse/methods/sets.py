@@ -108,4 +108,4 @@ ASKED: dict[str, str] = {
     "beyond-goal": "it changes what a model is asked for",
     "gpt-4o-mini": "it changes which model is asked",
 }
-"""Ablations that change a question and nothing else, with what they change: where the grammar writes, nobody is asked."""
+"""Ablations that change a question and nothing else, with what they change; where no model writes, nobody is asked."""

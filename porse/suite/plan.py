@@ -27,7 +27,7 @@ class Entry:
     """One run of a suite.
 
     Attributes:
-        variant: names its overrides, empty where they need no name.
+        variant: name of the variant that its overrides come from, empty for none.
         overrides: laid over `params.yaml`, after the overrides of the suite.
     """
 
@@ -92,14 +92,16 @@ def parse_suite(document: Any, where: str) -> Suite:
     """Returns the checked suite of a parsed document; `where` names it in errors.
 
     Its entries are tasks x methods x ablations x variants x seeds, the seed fastest, then those listed one by one. An
-    ablation is one of PoRSE: other methods are combined with `none` alone. A variant is a name and overrides. `ablations`,
-    `variants`, `overrides` and `entries` may be left out: no ablation, nothing else changed, no further entries.
+    ablation is one of PoRSE: other methods are combined with `none` alone. A variant is a name and its overrides.
+    `ablations`, `variants`, `overrides` and `entries` may be left out: no ablation, one variant without a name, nothing
+    else changed, no further entries.
 
     Raises:
         ParamsError: something is missing, unknown, mistyped or asked for twice.
     """
-    optional = {"ablations": ["none"], "variants": {}, "overrides": {}, "entries": []}
-    file: _File = convert(_with(document, **optional), _File, "", where)
+    file: _File = convert(
+        _with(document, ablations=["none"], variants={"": {}}, overrides={}, entries=[]), _File, "", where
+    )
     if not _FILE_NAME.fullmatch(file.name):
         raise ParamsError(wrong("name", "letters, digits, dots, dashes and underscores", file.name, where))
     _check_overrides(file.overrides, "overrides", where)
@@ -110,15 +112,13 @@ def parse_suite(document: Any, where: str) -> Suite:
     for index, ablation in enumerate(file.ablations):
         _check_known(ablation, ABLATIONS, f"ablations[{index}]", where)
     for variant, overrides in file.variants.items():
-        _check_variant(variant, f"variants.{variant}", where)
-        _check_mapping(overrides, f"variants.{variant}", where)
-        _check_overrides(overrides, f"variants.{variant}", where)
+        _check_variant(variant, overrides, where)
     combined = [
         Entry(task, method, ablation, variant, seed, overrides)
         for task in file.tasks
         for method in file.methods
         for ablation in (file.ablations if method == "porse" else ("none",))
-        for variant, overrides in (file.variants or {"": {}}).items()
+        for variant, overrides in file.variants.items()
         for seed in file.seeds
     ]
     listed = [_parse_entry(item, f"entries[{index}]", where) for index, item in enumerate(file.entries)]
@@ -136,9 +136,7 @@ def _parse_entry(item: Any, name: str, where: str) -> Entry:
     _check_task(entry.task, f"{name}.task", where)
     _check_known(entry.method, METHODS, f"{name}.method", where)
     _check_known(entry.ablation, ABLATIONS, f"{name}.ablation", where)
-    if entry.variant:
-        _check_variant(entry.variant, f"{name}.variant", where)
-    _check_overrides(entry.overrides, f"{name}.overrides", where)
+    _check_variant(entry.variant, entry.overrides, where)
     return entry
 
 
@@ -148,22 +146,20 @@ def _check_task(value: str, name: str, where: str) -> None:
         _check_known(value, TASK_CLASSES, name, where)
 
 
-def _check_variant(value: Any, name: str, where: str) -> None:
-    if not isinstance(value, str) or not _FILE_NAME.fullmatch(value):
-        raise ParamsError(wrong(name, "named by letters, digits, dots, dashes and underscores", value, where))
-
-
-def _check_mapping(value: Any, name: str, where: str) -> None:
-    if not isinstance(value, dict):
-        raise ParamsError(wrong(name, "a mapping of parameters", value, where))
-
-
 def _check_known(value: str, known: Iterable[str], name: str, where: str) -> None:
     names = list(known)
     if value not in names:
         near = difflib.get_close_matches(value, names, n=3)
         hint = f"did you mean {' or '.join(near)}?" if near else "change it there"
         raise ParamsError(f"expected {name} to be one of {', '.join(names)}, found {value!r} in {where}; {hint}")
+
+
+def _check_variant(name: Any, overrides: Any, where: str) -> None:
+    if name != "" and not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
+        raise ParamsError(wrong("a variant", "letters, digits, dots, dashes and underscores", name, where))
+    if not isinstance(overrides, dict):
+        raise ParamsError(wrong(f"variants.{name}", "parameters and their values", overrides, where))
+    _check_overrides(overrides, f"variants.{name}" if name else "overrides", where)
 
 
 def _check_overrides(overrides: dict, name: str, where: str) -> None:
@@ -180,7 +176,7 @@ def _check_distinct(entries: Sequence[Entry], where: str) -> None:
     for entry in entries:
         if entry.name in seen:
             raise ParamsError(
-                f"expected every entry once in {where}, found {entry.name} twice; take one away, or put it with its "
-                "overrides into a suite of its own"
+                f"expected every entry once in {where}, found {entry.name} twice; take one away, or give it a "
+                "variant of its own"
             )
         seen.add(entry.name)

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from porse.report.figures import human_normalised_score
-from porse.report.trends import GROUPED
 from porse.suite.folders import Folders, folders_of, is_locked, read_json
 from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
 from porse.suite.run import failure, is_done
+
+_NAMES = ("task", "method", "ablation", "variant")
+"""What entries that differ by their seed alone have in common."""
 
 State = Literal["done", "failed", "running", "partial", "outdated", "waiting"]
 
@@ -71,18 +73,18 @@ def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
 def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     """Returns one row for each entry, in order; figures are None where there are none.
 
-    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task and seed
-    (eq. 8), and where one of them is not done, against the references of `params.yaml`.
+    `hns` is measured against the suite's own entries of the methods `human` and `sparse` with the same task, variant
+    and seed (eq. 8), and where one of them is not done, against the references of `params.yaml`.
     """
     measured = {
-        (status.entry.method, status.entry.task, status.entry.seed): status.metrics["mts"]
+        (status.entry.method, status.entry.task, status.entry.variant, status.entry.seed): status.metrics["mts"]
         for status in statuses
-        if status.metrics is not None and status.entry.ablation == "none" and not status.entry.variant
+        if status.metrics is not None and status.entry.ablation == "none"
     }
     return [_row(status, measured) for status in statuses]
 
 
-def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict[str, Any]:
+def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) -> dict[str, Any]:
     entry, metrics = status.entry, status.metrics
     row = {
         "entry": entry.name,
@@ -97,7 +99,7 @@ def _row(status: Status, measured: Mapping[tuple[str, str, int], float]) -> dict
     figures = ("mts", "hns", "evaluation_mean", "evaluation_std", "epochs_spent", "epochs_allowed", "valid_share")
     if metrics is None:
         return row | dict.fromkeys(figures)
-    human, sparse = (measured.get((method, entry.task, entry.seed)) for method in ("human", "sparse"))
+    human, sparse = (measured.get((method, entry.task, entry.variant, entry.seed)) for method in ("human", "sparse"))
     hns = metrics["hns"]
     if human is not None and sparse is not None:
         hns = human_normalised_score(metrics["mts"], human, sparse)
@@ -121,12 +123,12 @@ def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         Rows in the order of the entries. The deviation is that of a sample (n - 1), None for fewer than two seeds.
     """
-    groups: dict[tuple[str, ...], list[float]] = {}
+    groups: dict[tuple[str, str, str, str], list[float]] = {}
     for row in entries:
         if row["mts"] is not None:
-            groups.setdefault(tuple(row[name] for name in GROUPED), []).append(row["mts"])
+            groups.setdefault((row["task"], row["method"], row["ablation"], row["variant"]), []).append(row["mts"])
     return [
-        {**dict(zip(GROUPED, group, strict=True)), "seeds": len(values), **_mean_and_std(values)}
+        dict(zip(_NAMES, group, strict=True)) | {"seeds": len(values), **_mean_and_std(values)}
         for group, values in groups.items()
     ]
 
@@ -146,14 +148,14 @@ def status_text(entries: Sequence[Mapping[str, Any]]) -> str:
         parts.append("\n".join(reasons))
     groups = summary(entries)
     if groups:
-        shown = GROUPED if any(group["variant"] for group in groups) else GROUPED[:-1]
-        parts.append(_aligned([(*shown, "seeds", "MTS"), *(_group_cells(row, shown) for row in groups)]))
+        named = [name for name in _NAMES if name != "variant" or any(row["variant"] for row in groups)]
+        parts.append(_aligned([(*named, "seeds", "MTS"), *(_group_cells(row, named) for row in groups)]))
     return "\n\n".join(parts)
 
 
-def _group_cells(group: Mapping[str, Any], shown: Sequence[str]) -> tuple[str, ...]:
-    names = (*(group[name] or "-" for name in shown), str(group["seeds"]))
-    return (*names, _spread(group["mts_mean"], group["mts_std"]))
+def _group_cells(group: Mapping[str, Any], named: Sequence[str]) -> tuple[str, ...]:
+    cells = [group[name] or "-" for name in named]
+    return (*cells, str(group["seeds"]), _spread(group["mts_mean"], group["mts_std"]))
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
