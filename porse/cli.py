@@ -15,6 +15,7 @@ from porse.inputs.stages import STAGES
 from porse.methods import ABLATIONS, METHODS, origins, overridden
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
+from porse.report.trends import read_finished, trends, trends_table
 from porse.repro import reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
@@ -158,6 +159,15 @@ def show_results(path: Path) -> None:
             f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first"
         ) from None
     click.echo(results_table(metrics))
+
+
+@main.command("trends")
+@click.argument("runs", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
+def show_trends(runs: tuple[Path, ...], as_json: bool) -> None:
+    """Print beta and alpha of the winners by iteration, over the finished runs in the folders RUNS, `.` by default."""
+    found = trends(read_finished(folder) for folder in runs or (Path(),))
+    click.echo(json.dumps(found, indent=2) if as_json else trends_table(found))
 
 
 @main.command("tasks")

@@ -182,6 +182,7 @@ class EliminateParams(Section):
     keep: Literal["rungs", "all", "one"]
     score: Literal["mean", "max"]
     window: Positive
+    score: Literal["mean", "max"]
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ class MutateParams(Section):
 
     pool: str
     mutants: Few
-    vary: Sequence[Literal["beta", "alpha"]]
+    vary: Sequence[Literal["beta", "alpha", "draw"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative

@@ -105,16 +105,17 @@ def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: P
 def planned_questions(params: Params, prompts: Path) -> list[Planned]:
     """Returns the questions of the schedule that a model answers, in the order of the run, without repairs."""
     # Imported here: these load the tasks, and with them a physics engine.
+    from porse.generation.about import about
     from porse.generation.answers import writer
     from porse.generation.conversations import Brief, conversation
     from porse.generation.functions import first_places
-    from porse.search.schedule import is_searched, mutants, varied
+    from porse.search.schedule import DRAW, is_searched, mutants, varied
     from porse.tasks import find_task
 
     task = find_task(params.task)
     brief = Brief(
         prompts=prompts,
-        description=task.DESCRIPTION,
+        about=about(task),
         environment=task.observation_source().strip(),
         has_bonus=params.candidate.bonus != "none",
         beyond_goal=params.generate.beyond_goal,
@@ -129,8 +130,8 @@ def planned_questions(params: Params, prompts: Path) -> list[Planned]:
         for kind, slot in first_places(params, n):
             opening = tuple(message.content for message in conversation(brief, kind, slot))
             found.append(Planned(Origin("generate", n, f"{kind} {slot}"), kind, opening, task.DESCRIPTION))
-        if is_searched(params, n) and mutants(params, n):
-            value = varied(params, n)
+        value = varied(params, n)
+        if is_searched(params, n) and mutants(params, n) and value != DRAW:
             found.append(Planned(Origin("mutate", n, f"{value}, attempt 0"), value, (), task.DESCRIPTION))
     return [question for question in found if not writer(question.kind, params)]
 

@@ -28,15 +28,18 @@ def content_id(kind: str, value: Any) -> str:
     return hashlib.sha256(f"{kind}\n{canonical_json(value)}".encode()).hexdigest()
 
 
-def candidate_id(task: str, reward_source: str, mapping_source: str, beta: float, alpha: float) -> str:
-    """Returns the id of a candidate: the hash of what it is, so equal candidates are one candidate."""
+def candidate_id(task: str, reward_source: str, mapping_source: str, beta: float, alpha: float, draw: int = 0) -> str:
+    """Returns the id of a candidate: the hash of what it is, so equal candidates are one candidate.
+
+    One that has draws of its own is another one than with the draws that its iteration shares, which are draw 0.
+    """
     content = {
         "task": task,
         "reward_source": reward_source,
         "mapping_source": mapping_source,
         "beta": float(beta),
         "alpha": float(alpha),
-    }
+    } | ({"draw": draw} if draw else {})
     return content_id("candidate", content)[:CANDIDATE_ID_LENGTH]
 
 

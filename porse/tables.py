@@ -139,6 +139,7 @@ CANDIDATES = Table(
         Column("mapping_program", _TEXT, "the mapping as an operator list, JSON: what is trained with"),
         Column("beta", _REAL, "weight of the exploration bonus, 1", "finite"),
         Column("alpha", _REAL, "share of the previous winner in the first policy, 1", "finite"),
+        Column("draw", _INT, "0: its training has the random draws that the iteration shares; else which of its own"),
         Column("policy", _TEXT, "stem of the file in policies/ that training goes on from", "id"),
         Column("epochs", _INT, "epochs trained so far in this iteration"),
         Column("failure", _TEXT, "why its training ended early, else empty"),
@@ -157,18 +158,18 @@ CURVES = Table(
         Column(
             "series",
             _TEXT,
-            "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME: means; goal_size, bonus_size,"
-            " bonus_share; cells_visited, new_cells, where something is counted",
+            "fitness, reward, goal, bonus, terminated, component/NAME or progress/NAME: means; episode_length; goal_size,"
+            " bonus_size, bonus_share; cells_visited, new_cells, where something is counted",
         ),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
         Column(
             "value",
             _REAL,
             "mean over environments and the epoch's steps, goal and bonus before they are weighed, reward the total before it"
-            " is scaled for PPO; a fitness over episodes: at the epoch's end; goal_size and bonus_size: standard deviation of"
-            " what each adds to the total, and bonus_share bonus_size over that of the total, 0 without a bonus;"
-            " cells_visited: the share of the cells visited so far, 0 to 1; new_cells: how many were first visited in this"
-            " epoch",
+            " is scaled for PPO; a fitness over episodes: at the epoch's end; episode_length: over the episodes that ended, no"
+            " row where none did; goal_size and bonus_size: standard deviation of what each adds to the total, and bonus_share"
+            " bonus_size over that of the total, 0 without a bonus; cells_visited: the share of the cells visited so far, 0 to"
+            " 1; new_cells: how many were first visited in this epoch",
         ),
     ),
 )
@@ -214,8 +215,8 @@ MUTANTS = Table(
         Column("index", _INT, "place among the values of the reply, from 0"),
         _CANDIDATE,
         Column("parent_id", _TEXT, "the best survivor", "ids"),
-        Column("varied", _TEXT, "beta or alpha"),
-        Column("proposed", _REAL, "the model's value, 1", "finite"),
+        Column("varied", _TEXT, "beta, alpha or draw"),
+        Column("proposed", _REAL, "the model's value, 1; of a draw its number", "finite"),
         Column("value", _REAL, "the value after the particle-swarm step, 1", "finite"),
     ),
 )
@@ -225,7 +226,7 @@ FEEDBACK = Table(
     "one point of one series of the winner, as the next prompts show it",
     ("series", "epoch"),
     (
-        Column("series", _TEXT, "fitness, component/NAME or progress/NAME"),
+        Column("series", _TEXT, "fitness, episode_length, component/NAME or progress/NAME"),
         Column("epoch", _INT, "epoch of the iteration, from 1"),
         Column("value", _REAL, "the series at that epoch"),
         Column("maximum", _REAL, "over all epochs of the iteration"),

@@ -58,6 +58,7 @@ def run_functions(cache: Path) -> Outcome:
     """Does what the stages `generate` and `validate-code` of iteration 1 do, in this process, and keeps every verdict."""
     from porse.config import parse_params
     from porse.errors import SearchError
+    from porse.generation.about import about
     from porse.generation.conversations import Brief
     from porse.generation.functions import Attempt, checked_functions, first_attempts
     from porse.generation.states import checker
@@ -66,7 +67,7 @@ def run_functions(cache: Path) -> Outcome:
     params = parse_params(params_document(), "the example's parameters")
     task = find_task(params.task)
     environment = task.observation_source().strip()
-    brief = Brief(ROOT / "prompts", task.DESCRIPTION, environment, True, False, None, [], {}, {}, [])
+    brief = Brief(ROOT / "prompts", about(task), environment, True, False, None, [], {}, {}, [])
     rows: list[dict[str, str]] = []
     error = ""
     with checker(params) as check:

@@ -300,7 +300,7 @@ def candidate(name: str, slot: int, reward: str, beta: float) -> dict:
     return {
         "iteration": 2, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
         "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING, "reward_program": program(reward),
-        "mapping_program": program(MAPPING), "beta": beta, "alpha": 0.8,
+        "mapping_program": program(MAPPING), "beta": beta, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

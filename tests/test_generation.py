@@ -77,7 +77,8 @@ def model(monkeypatch):
 
 @pytest.fixture
 def brief(root):
-    return Brief(root / "prompts", "hover", "class Quadcopter: ...", True, False, None, [], {}, {}, [])
+    facts = {"description": "hover", "starts": "", "ends": "", "fitness": "", "limit": 7}
+    return Brief(root / "prompts", facts, "class Quadcopter: ...", True, False, None, [], {}, {}, [])
 
 
 def run(params, brief, verdicts):

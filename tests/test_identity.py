@@ -25,9 +25,11 @@ def test_every_part_of_a_candidate_participates_in_its_id():
         candidate_id("T", "r", "n", 1.0, 0.8),
         candidate_id("T", "r", "m", 1.1, 0.8),
         candidate_id("T", "r", "m", 1.0, 0.7),
+        candidate_id("T", "r", "m", 1.0, 0.8, 1),
+        candidate_id("T", "r", "m", 1.0, 0.8, 2),
     }
-    assert len(ids) == 6
-    assert candidate_id("T", "r", "m", 1, 0.8) == candidate_id("T", "r", "m", 1.0, 0.8)
+    assert len(ids) == 8
+    assert candidate_id("T", "r", "m", 1, 0.8) == candidate_id("T", "r", "m", 1.0, 0.8, 0)
 
 
 def test_seeds_are_named_and_fit_a_generator():

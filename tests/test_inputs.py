@@ -168,7 +168,10 @@ def test_imports_are_found_in_functions_and_in_names_of_modules_but_not_for_type
 
 def test_values_of_a_method_and_of_an_ablation_are_laid_over_the_file(project):
     own = inputs_of(project, method="eureka", ablation="weights-sum-to-1")
-    assert own["eliminate"].parameters == {"numerics": "portable", "eliminate": {"keep": "all", "window": 15}}
+    assert own["eliminate"].parameters == {
+        "numerics": "portable",
+        "eliminate": {"keep": "all", "window": 15, "score": "max"},
+    }
     assert own["train-population"].parameters["candidate"] == {"goal": "generated", "bonus": "none", "scale": 1.0}
 
 
@@ -335,6 +338,7 @@ def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):
         'numerics: "portable"',
         'eliminate.keep: "all"  # method eureka',
         "eliminate.window: 15",
+        'eliminate.score: "max"  # method eureka',
     ]
     everything = CliRunner().invoke(main, ["params", "--params", str(changed)], catch_exceptions=False).output
     assert "candidate.scale: 1.0  # method eureka\n" in everything

@@ -2,14 +2,17 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
 from meaning_cases import changed, row_of
 from porse import tables
-from porse.config import Lengths, Reference, parse_params
-from porse.methods import ABLATIONS, METHODS
+from porse.config import Lengths, Reference, leaves, parse_params
+from porse.generation.candidates import first_pool
+from porse.generation.functions import Function
+from porse.methods import ABLATIONS, METHODS, overridden
 from porse.report.figures import (
     area_under_curve,
     chain_fitness,
@@ -23,7 +26,9 @@ from porse.report.learning import learning_row
 from porse.report.markdown import results_table
 from porse.report.run import Evaluation, Run
 from porse.report.summary import iteration_rows, metrics, write_summary
-from porse.search.schedule import mutants, varied
+from porse.search.schedule import asked_kinds, mutants, varied
+from porse.training import candidate as candidate_module
+from porse.training.rung import job_for
 from tiny import committed_params
 
 
@@ -351,8 +356,78 @@ def test_a_method_pays_and_searches_as_its_paper_says(method):
     assert params.exploration.discretiser == ("sum" if method == "llmcount" else "grid")
 
 
-VARIED = {"without-bonus": ["alpha"], "without-fusion": ["beta"], "fixed-beta": ["alpha"], "fixed-alpha": ["beta"]}
+VARIED = {
+    "without-bonus": ["draw", "alpha"],
+    "without-fusion": ["beta", "draw"],
+    "fixed-beta": ["draw", "alpha"],
+    "fixed-alpha": ["beta", "draw"],
+}
 CELLS = {"cells-2000": 2000, "cells-3000": 3000}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_eureka_and_revolve_choose_by_the_maximum_and_the_others_by_the_declared_mean(method):
+    assert resolved(method).eliminate.score == ("max" if method in ("eureka", "revolve-auto") else "mean")
+
+
+CHANGED = {
+    "none": set(),
+    "without-goal-reward": {"candidate.goal"},
+    "without-bonus": {"candidate.bonus", "mutate.vary"},
+    "without-fusion": {"fuse.policy", "mutate.vary"},
+    "fixed-beta": {"mutate.vary"},
+    "fixed-alpha": {"mutate.vary"},
+    "spliced-mapping": {"generate.mappings"},
+    "beyond-goal": {"generate.beyond_goal"},
+    "cells-1000": set(),
+    "cells-2000": {"exploration.cells"},
+    "cells-3000": {"exploration.cells"},
+    "weights-sum-to-1": {"candidate.beta", "candidate.scale"},
+    "gpt-4o-mini": {"llm.profile"},
+}
+"""The resolved parameters that an ablation changes, every one of them."""
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_an_ablation_changes_these_parameters_and_no_other(ablation):
+    plain, other = (
+        dict(leaves(overridden({**committed_params(), "ablation": name}, "params.yaml"))) for name in ("none", ablation)
+    )
+    assert {name for name in plain if plain[name] != other[name]} - {"ablation"} == CHANGED[ablation]
+
+
+# R_total = beta R_e + (scale - beta) R_g of a state with R_e = 0.25, a generated goal reward of -3 and a fitness of 7.
+TOTALS = {
+    # 1 x 0.25 + 1 x -3
+    **dict.fromkeys(CHANGED, -2.75),
+    # 1 x 0.25 + 1 x 7
+    "without-goal-reward": 7.25,
+    # 1 x 0 + 1 x -3: the goal reward weighs what it weighed
+    "without-bonus": -3.0,
+    # 0.5 x 0.25 + 0.5 x -3
+    "weights-sum-to-1": -1.375,
+}
+
+
+@pytest.mark.parametrize("ablation", CHANGED)
+def test_an_ablation_pays_what_its_name_says(ablation, monkeypatch, tmp_path):
+    params = resolved(ablation=ablation)
+    streams = {"generated": lambda *_: -3.0, "sparse": lambda *_: 7.0, "MappingBonus": 0.25, "NoBonus": 0.0}
+    monkeypatch.setattr(candidate_module, "load_reward", lambda *_: None)
+    monkeypatch.setattr(candidate_module, "generated", lambda _: streams["generated"])
+    monkeypatch.setattr(candidate_module, "sparse", streams["sparse"])
+    monkeypatch.setattr(candidate_module, "load_mapping", lambda *_: SimpleNamespace(rises=(True, False)))
+    totals = []
+
+    def mixed(goal, bonus, beta, scale, *_):
+        totals.append(beta * streams[type(bonus).__name__] + (scale - beta) * goal())
+        raise candidate_module.CandidateFailed("seen")
+
+    monkeypatch.setattr(candidate_module, "Reward", mixed)
+    functions = [Function(kind, 0, "key", f"{kind} source", f"{kind} list") for kind in asked_kinds(params)]
+    [row, *_] = first_pool(functions, None, {}, changed(params, generate={"candidates": 1, "elites": 0}), 1)
+    candidate_module.train_candidate(job_for(row, tmp_path, 1, params, tmp_path), params, lambda *_: None)
+    assert totals == [TOTALS[ablation]]
 
 
 @pytest.mark.parametrize("ablation", ABLATIONS)
@@ -361,7 +436,7 @@ def test_an_ablation_changes_what_its_name_says(ablation):
     assert params.candidate.goal == ("sparse" if ablation == "without-goal-reward" else "generated")
     assert params.candidate.bonus == ("none" if ablation == "without-bonus" else "mapping")
     assert params.candidate.scale == (1.0 if ablation == "weights-sum-to-1" else 2.0)
-    assert params.candidate.beta == {"without-bonus": 0.0, "weights-sum-to-1": 0.5}.get(ablation, 1.0)
+    assert params.candidate.beta == (0.5 if ablation == "weights-sum-to-1" else 1.0)
     assert params.fuse.policy == ("random" if ablation == "without-fusion" else "fused")
     assert list(params.mutate.vary) == VARIED.get(ablation, ["beta", "alpha"])
     assert params.generate.mappings == ("spliced" if ablation == "spliced-mapping" else "generator")
@@ -371,6 +446,12 @@ def test_an_ablation_changes_what_its_name_says(ablation):
 
 
 def test_what_is_fixed_is_never_varied():
-    for ablation, kinds in (("fixed-beta", {"alpha"}), ("fixed-alpha", {"beta"}), ("without-fusion", {"beta"})):
+    for ablation, kinds in (
+        ("none", ["beta", "alpha", "beta", "alpha", "beta"]),
+        ("fixed-beta", ["draw", "alpha", "draw", "alpha", "draw"]),
+        ("without-bonus", ["draw", "alpha", "draw", "alpha", "draw"]),
+        ("fixed-alpha", ["beta", "draw", "beta", "draw", "beta"]),
+        ("without-fusion", ["beta", "draw", "beta", "draw", "beta"]),
+    ):
         params = resolved(ablation=ablation)
-        assert {varied(params, n) for n in range(1, 6) if mutants(params, n)} == kinds
+        assert [varied(params, n) for n in range(1, 6) if mutants(params, n)] == kinds

@@ -18,7 +18,7 @@ from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.functions import Function
 from porse.generation.mutants import Swarm, write_starts
-from porse.generation.values import questions_text
+from porse.generation.values import alpha_question, beta_question
 from porse.identity import candidate_id, seed_for
 from porse.llm.request import Reply
 from porse.pool import Pool, policy_file
@@ -34,7 +34,7 @@ from porse.search.elimination import (
     survivor_rows,
     survivors,
 )
-from porse.search.feedback import Series, feedback_rows, shown_series
+from porse.search.feedback import STAGED, TOLD, WEIGHED, Series, feedback_rows, series_of, shown_series
 from porse.search.fusion import fuse
 from porse.search.incumbent import incumbent, winner
 from porse.search.islands import softmax
@@ -157,11 +157,14 @@ def test_how_many_go_on_is_declared_or_all_or_one(params):
 # Feedback.
 
 
-def test_sampled_epochs_end_each_tenth_of_an_uneven_series():
+def test_sampled_epochs_are_the_first_the_last_and_even_ones_between():
     series = Series("fitness", tuple(range(1, 8)), tuple(10.0 * epoch for epoch in range(1, 8)))
-    # 7 epochs in 3 parts end at 7/3 = 2, 14/3 = 4 and 7
-    assert series.sampled(3).epochs == (2, 4, 7)
-    assert series.sampled(3).values == (20.0, 40.0, 70.0)
+    # from 1 in three steps of (7 - 1) / 3 = 2; in two of 3; in four of 1.5, cut off: 1, 2.5, 4, 5.5, 7
+    assert series.sampled(4).epochs == (1, 3, 5, 7)
+    assert series.sampled(3).values == (10.0, 40.0, 70.0)
+    assert series.sampled(5).epochs == (1, 2, 4, 5, 7)
+    assert series.sampled(2).epochs == (1, 7)
+    assert series.sampled(7) == series.sampled(9) == series
     assert series.last(2).values == (60.0, 70.0)
 
 
@@ -171,20 +174,42 @@ def test_feedback_has_the_extremes_of_all_epochs_and_not_of_the_shown_ones():
         *curve("a", [5.0, 3.0, 8.0, 4.0], "progress/x"),
         *curve("a", [7.0] * 4, "bonus"),
     ]
-    # epochs 2 and 4 are shown; fitness: highest 9, lowest 1, mean 16 / 4
+    # epochs 1 and 4 are shown of three with other extremes; fitness: highest 9, lowest 1, mean 16 / 4
     found = feedback_rows(rows[::-1], "a", 2)
     assert [(r["series"], r["epoch"], r["value"], r["maximum"], r["mean"], r["minimum"]) for r in found] == [
-        ("fitness", 2, 2.0, 9.0, 4.0, 1.0),
+        ("fitness", 1, 9.0, 9.0, 4.0, 1.0),
         ("fitness", 4, 4.0, 9.0, 4.0, 1.0),
-        ("progress/x", 2, 3.0, 8.0, 5.0, 3.0),
+        ("progress/x", 1, 5.0, 8.0, 5.0, 3.0),
         ("progress/x", 4, 4.0, 8.0, 5.0, 3.0),
     ]
 
 
-def test_fitness_is_shown_first_then_the_others_by_name():
-    rows = [*curve("a", [1.0], "progress/a"), *curve("a", [1.0], "component/z"), *curve("a", [1.0])]
-    rows += [*curve("a", [1.0], "terminated"), *curve("a", [1.0], "reward"), *curve("b", [1.0], "component/b")]
-    assert [series.name for series in shown_series(rows, "a")] == ["fitness", "component/z", "progress/a"]
+def test_series_are_shown_in_the_order_of_what_they_are_for_and_then_by_name():
+    names = (
+        "progress/a", "component/z", "component/b", "new_cells", "cells_visited", "bonus_share", "bonus_size", "goal_size",
+        "episode_length", "terminated", "reward", "goal", "bonus", "fitness",
+    )  # fmt: skip
+    rows = [row for name in names for row in curve("a", [1.0], name)] + curve("b", [1.0], "component/a")
+    shown = {kind: [series.name for series in shown_series(rows, "a", kind)] for kind in (TOLD, WEIGHED, STAGED)}
+    assert shown == {
+        TOLD: ["fitness", "episode_length", "component/b", "component/z", "progress/a"],
+        WEIGHED: [
+            "fitness", "goal_size", "bonus_size", "bonus_share", "cells_visited", "new_cells", "component/b", "component/z",
+            "progress/a",
+        ],
+        STAGED: ["fitness", "component/b", "component/z", "progress/a"],
+    }  # fmt: skip
+
+
+def test_a_series_without_a_value_in_some_epochs_is_sampled_among_those_that_have_one():
+    # no episode ended in epochs 1 and 3: the mean is that of the others, (30 + 60) / 2
+    rows = [
+        *curve("a", [1.0, 2.0, 3.0, 4.0]),
+        *curve("a", [30.0], "episode_length", 2),
+        *curve("a", [60.0], "episode_length", 4),
+    ]
+    found = [row for row in feedback_rows(rows, "a", 3) if row["series"] == "episode_length"]
+    assert [(row["epoch"], row["value"], row["mean"]) for row in found] == [(2, 30.0, 45.0), (4, 60.0, 45.0)]
 
 
 # Fusion and the incumbent.
@@ -408,6 +433,8 @@ def start(tmp_path):
         write_checkpoint(policy_file(tmp_path, stem), policy_checkpoint(arrays))
     before = candidate("before", iteration=2, beta=0.2, alpha=0.1)
     tables.write(tmp_path / "winner.parquet", tables.CANDIDATES, [before])
+    told = [*feedback_rows(curve("before", [555.0, 666.0]), "before", 2)]
+    tables.write(tmp_path / "feedback.parquet", tables.FEEDBACK, told)
     return tmp_path
 
 
@@ -441,16 +468,34 @@ def test_mutants_are_of_the_best_survivor_and_beta_may_reach_the_scale(params, s
     assert "0.8" in text
 
 
-def test_the_question_shows_the_recent_epochs_at_the_points_asked_for(params, root):
-    few = changed(params, mutate={"window": 4, "points": 2, "mutants": 3})
+ABOUT = {"description": "hover", "starts": "", "ends": "", "fitness": "", "limit": 7}
+
+
+def test_the_question_for_betas_shows_the_recent_epochs_at_the_points_asked_for(params, root):
+    few = changed(params, mutate={"window": 4, "points": 2, "mutants": 3}, candidate={"scale": 2.5})
     record = [Series("fitness", tuple(range(1, 9)), tuple(1000.0 + epoch for epoch in range(1, 9)))]
     survivor = candidate("b", beta=1.7, alpha=0.4)
-    [system, task] = questions_text("alpha", survivor, record, "hover", few, root / "prompts")
-    # the last four of eight epochs, in two points: 6 and 8
-    assert [epoch for epoch in range(1, 9) if f"{1000 + epoch}" in task.content] == [6, 8]
-    assert "0.4" in task.content
-    assert "1.7" not in task.content
+    [system, task] = beta_question(survivor, record, ABOUT, few, root / "prompts")
+    # of the last four of eight epochs the first and the last one; the goal reward has 2.5 - 1.7
+    assert [epoch for epoch in range(1, 9) if f"{1000 + epoch}" in task.content] == [5, 8]
+    assert "The record of the last 4 epochs, sampled at the epochs 5, 8." in task.content
+    assert "The goal reward counts 0.8 and the bonus 1.7." in task.content
+    assert "0.4" not in task.content
+    assert "add up to 2.5" in system.content
     assert (system.role, task.role) == ("system", "user")
+
+
+def test_the_question_for_alphas_shows_the_whole_stage_that_the_previous_winner_came_out_of(params, root):
+    few = changed(params, mutate={"window": 4, "points": 2, "mutants": 3}, fuse={"points": 3})
+    told = feedback_rows(curve("before", [float(1000 + epoch) for epoch in range(1, 10)]), "before", 3)
+    survivor = candidate("b", beta=1.7, alpha=0.4)
+    [system, task] = alpha_question(survivor, series_of(told, STAGED), ABOUT, few, root / "prompts")
+    # 9 epochs at three points: the window and the points of the recent record count for nothing here
+    assert [epoch for epoch in range(1, 10) if f"{1000 + epoch}" in task.content] == [1, 5, 9]
+    assert "over the 9 epochs of its training there, sampled at the epochs 1, 5, 9." in task.content
+    assert "alpha = 0.4" in task.content
+    assert "1.7" not in task.content
+    assert "Give 3 values" in system.content
 
 
 def test_alpha_is_held_at_one_and_its_mutants_start_from_their_own_fusion(params, start, root, monkeypatch):
@@ -465,6 +510,39 @@ def test_alpha_is_held_at_one_and_its_mutants_start_from_their_own_fusion(params
     # 0.1 x 4 + 0.9 x (-8) = -6.8; all of theta_best is 4
     assert read_checkpoint(start / "alpha-0.100000.out").arrays["actor.w"].tolist() == pytest.approx([-6.8])
     assert read_checkpoint(start / "alpha-1.000000.out").arrays["actor.w"].tolist() == [4.0]
+
+
+def test_betas_are_asked_for_with_the_best_survivors_record_and_alphas_with_the_previous_winners(
+    params, start, root, monkeypatch
+):
+    asked = scripted(monkeypatch, json.dumps([{"goal": 3.0, "bonus": 1.0}, {"goal": 4.0, "bonus": 1.0}]))
+    swarm(params, start, root, 3)
+    alphas = scripted(monkeypatch, "[0.25, 1.0]")
+    swarm(params, start, root, 2)
+    # b came to 0, 3 in this iteration, the winner before to 555, 666 in its own
+    assert "fitness = [0, 3]" in asked[0].request.messages[1].content
+    assert "fitness = [555, 666]" in alphas[0].request.messages[1].content
+
+
+def test_where_nothing_else_varies_mutants_are_the_best_survivor_with_draws_of_their_own(
+    params, start, root, monkeypatch
+):
+    asked = scripted(monkeypatch, "nobody is asked")
+    found = swarm(params, start, root, 1, vary=["draw", "alpha"], mutants=3)
+    assert (asked, found.replies) == ([], [])
+    assert [(row["draw"], row["beta"], row["alpha"], row["parent_id"]) for row in found.mutants] == [
+        (1, 1.7, 0.4, "b"),
+        (2, 1.7, 0.4, "b"),
+        (3, 1.7, 0.4, "b"),
+    ]
+    # each is a candidate of its own, from the iteration's own start
+    assert len({row["candidate_id"] for row in found.mutants} | {"a", "b", "c"}) == 6
+    assert {row["policy"] for row in found.mutants} == {"fused"}
+    assert [(row["varied"], row["proposed"], row["value"]) for row in found.rows] == [
+        ("draw", 1.0, 1.0),
+        ("draw", 2.0, 2.0),
+        ("draw", 3.0, 3.0),
+    ]
 
 
 def test_mutants_of_beta_start_from_the_default_fusion(params, start, root, monkeypatch):

@@ -531,6 +531,22 @@ def trainer(pencil, seed, task=None):
     return Trainer(task or Task(), reward, pencil, seed)
 
 
+def test_episode_lengths_are_those_of_the_episodes_that_ended_in_an_epoch_before_they_were_reset(pencil):
+    class Aged(Task):
+        def step(self, actions):
+            super().step(actions)
+            self.progress = self.progress + torch.tensor([1, 3, 8])
+
+        def reset(self, mask):
+            super().reset(mask)
+            self.progress[mask] = 0
+
+    two_steps = dataclasses.replace(pencil, steps_per_epoch=2)
+    rows = trainer(two_steps, 5, Aged()).train(2, lambda *_: None, lambda _: None)
+    # in the second step, the last of the first epoch, the second and third episode end, at 6 and 16; then none does
+    assert [(row.epoch, row.value) for row in rows if row.series == "episode_length"] == [(1, 11.0)]
+
+
 def test_a_training_draws_from_a_generator_that_its_seed_names(pencil):
     trainer(pencil, 5)
     after = torch.get_rng_state()
@@ -832,6 +848,8 @@ def test_candidates_of_an_iteration_share_their_draws_and_iterations_and_runs_do
     }
     assert seeds == {("a", 3): named('[5,"training",3]'), ("b", 3): named('[5,"training",3]'), ("a", 4): named('[5,"training",4]')}  # fmt: skip
     assert job_for(row("a", 0), tmp_path, 4, small, tmp_path).seed == seed_for(small.seed, "training", 3)
+    own = {draw: job_for(row("a", 0, iteration=3, draw=draw), tmp_path, 4, five, tmp_path).seed for draw in (1, 2)}
+    assert own == {1: named('[5,"training",3,"draw",1]'), 2: named('[5,"training",3,"draw",2]')}
 
 
 def test_a_job_is_what_the_candidates_row_says(small, tmp_path):

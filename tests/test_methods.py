@@ -7,6 +7,10 @@ import pytest
 
 from porse.config import Params, leaves, parse_params
 from porse.errors import ParamsError
+from porse.generation import answers
+from porse.generation.brief import read_brief
+from porse.generation.functions import first_attempts
+from porse.llm.request import Question, Reply
 from porse.methods import ABLATIONS, METHODS, overridden
 from porse.report.figures import (
     area_under_curve,
@@ -18,6 +22,7 @@ from porse.report.figures import (
 from porse.report.run import Run
 from porse.search.lineage import lineage
 from porse.search.schedule import allowed_epochs, total_epochs, work
+from porse.steps.begin import begin
 from tiny import committed_params
 
 PAPER = {
@@ -64,15 +69,67 @@ def test_llmcount_trains_six_policies_for_15000_epochs_each():
     assert work(params, 2) == []
 
 
-@pytest.mark.parametrize("ablation", [name for name in ABLATIONS if name not in ("without-bonus", "fixed-beta")])
-def test_an_ablation_spends_what_porse_spends(ablation):
-    assert total_epochs(parsed(ablation=ablation)) == total_epochs(parsed())
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_an_ablation_spends_the_papers_budget_in_every_iteration_as_porse_does(ablation):
+    params = parsed(ablation=ablation, train={"rung_epochs": 500})
+    assert [sum(cost.epochs for cost in work(params, n)) for n in range(1, 6)] == [18_000] * 5
+    assert total_epochs(params) == 90_000
 
 
-@pytest.mark.parametrize("ablation", ["without-bonus", "fixed-beta"])
-def test_without_a_beta_to_vary_the_first_iteration_has_no_mutants(ablation):
-    # J = 5 mutants x 3 rungs x 15 epochs less, and every other iteration varies alpha.
-    assert total_epochs(parsed()) - total_epochs(parsed(ablation=ablation)) == 5 * 3 * 15
+@pytest.mark.parametrize(
+    ("ablation", "reason"),
+    [("beyond-goal", "it changes what a model is asked for"), ("gpt-4o-mini", "it changes which model is asked")],
+)
+def test_an_ablation_that_the_grammar_cannot_express_is_refused_with_a_sentence(ablation, reason):
+    document = {**committed_params(), "ablation": ablation, "generator": "grammar"}
+    with pytest.raises(ParamsError) as found:
+        parse_params(document, "params.yaml")
+    assert str(found.value) == (
+        f"expected generator to be model with the ablation {ablation}, since {reason}, found 'grammar' in params.yaml; "
+        "nobody is asked then, so the run would be that without the ablation: change one of the two"
+    )
+    assert parse_params({**document, "generator": "model"}, "params.yaml").ablation == ablation
+
+
+@pytest.fixture
+def questions(monkeypatch, tmp_path, root):
+    """Returns a function from an ablation to the questions that iteration 1 asks a model first, by kind."""
+
+    def asked(ablation: str) -> dict[str, list[Question]]:
+        params = parsed(ablation=ablation)
+        begin(params, tmp_path / ablation)
+        found: list[Question] = []
+
+        def ask(questions, llm, cache):
+            found.extend(questions)
+            return [Reply(question.request.key, "", "stop", 0, 0, "test", 0.0) for question in questions]
+
+        monkeypatch.setattr(answers, "ask", ask)
+        first_attempts(read_brief(params, 1, tmp_path / ablation, root / "prompts"), params, 1, tmp_path)
+        return {
+            kind: [question for question in found if question.origin.subject.startswith(kind)]
+            for kind in ("reward", "mapping")
+        }
+
+    return asked
+
+
+def test_beyond_goal_asks_for_other_mappings_and_for_the_same_rewards(questions):
+    plain, beyond = questions("none"), questions("beyond-goal")
+    assert [q.request.key for q in plain["reward"]] == [q.request.key for q in beyond["reward"]]
+    assert len(plain["mapping"]) == len(beyond["mapping"]) == 6
+    for own, other in zip(plain["mapping"], beyond["mapping"], strict=True):
+        assert own.request.messages[1] == other.request.messages[1]
+        lines = set(other.request.messages[0].content.splitlines()) - set(own.request.messages[0].content.splitlines())
+        assert len(lines) == 1
+
+
+def test_another_model_is_asked_the_same_questions(questions):
+    plain, other = questions("none"), questions("gpt-4o-mini")
+    for kind in ("reward", "mapping"):
+        assert [q.request.messages for q in plain[kind]] == [q.request.messages for q in other[kind]]
+        assert not {q.request.key for q in plain[kind]} & {q.request.key for q in other[kind]}
+        assert {q.request.model for q in other[kind]} == {"gpt-4o-mini"}
 
 
 @pytest.mark.parametrize("kind", ["method", "ablation"])

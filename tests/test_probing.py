@@ -14,7 +14,7 @@ from porse.training.probing import search_alphas
 def candidate(name, slot):
     return {
         "iteration": 2, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
-        "mapping_key": "", "reward_source": f"def {name}", "mapping_source": "", "beta": 0.0, "alpha": 0.8,
+        "mapping_key": "", "reward_source": f"def {name}", "mapping_source": "", "beta": 0.0, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

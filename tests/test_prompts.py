@@ -11,12 +11,26 @@ ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "prompts"
 FEEDBACK = [
     {"series": name, "epoch": epoch, "value": value, "maximum": 2.0, "mean": 0.123456, "minimum": -1.0}
-    for name in ("fitness", "component/near", "progress/distance")
-    for epoch, value in ((45, -0.5), (90, 1234.56789))
+    for name in ("fitness", "component/near", "progress/distance", "episode_length")
+    for epoch, value in ((1, -0.5), (90, 1234.56789))
 ]
+RECORD = {
+    "fitness": (0.25, -1.5, 2.0),
+    "component/near": (0.5, 0.75, 0.625),
+    "progress/distance": (3.0, 2.5, 2.25),
+    "goal_size": (0.875, 1.0, 1.125),
+    "bonus_size": (0.25, 0.125, 0.1),
+    "bonus_share": (0.275, 0.124, 0.0885),
+    "cells_visited": (0.04, 0.11, 0.12),
+    "new_cells": (38.0, 71.0, 9.0),
+    "bonus": (0.02, 0.03, 0.05),
+    "episode_length": (80.0, 90.0, 100.0),
+}
+"""Series of three epochs, those among them that no record shows."""
 
 
 def briefs():
+    from porse.generation.about import about
     from porse.generation.conversations import Brief
     from porse.tasks import find_task
 
@@ -26,7 +40,7 @@ def briefs():
         "mapping_source": "def mapping_function(self):\n    pass\n",
     }
     environment = task.observation_source().strip()
-    first = Brief(ROOT / "prompts", task.DESCRIPTION, environment, True, False, None, [], {}, {}, [])
+    first = Brief(ROOT / "prompts", about(task), environment, True, False, None, [], {}, {}, [])
     return {"first": first, "refinement": dataclasses.replace(first, winner=winner, feedback=FEEDBACK)}
 
 
@@ -45,8 +59,8 @@ def prompts():
     from porse.config import load_params
     from porse.functions.verdict import Verdict
     from porse.generation.conversations import conversation, repair
-    from porse.generation.values import questions_text
-    from porse.search.feedback import Series
+    from porse.generation.values import alpha_question, beta_question
+    from porse.search.feedback import STAGED, WEIGHED, series_of, shown_series
 
     params = load_params(ROOT / "params.yaml")
     found = {
@@ -61,10 +75,14 @@ def prompts():
     found["reward-refinement-without-bonus"] = conversation(without, "reward", 0)
     verdict = Verdict(False, "variable", "expected variables of the task, found velocity", 2, (), ())
     found["repair"] = repair(found["mapping-first"][1:], "def f(): ...", verdict, ROOT / "prompts")
-    record = [Series(name, (1, 2, 3), (0.25, -1.5, 2.0)) for name in ("fitness", "component/near")]
-    survivor = {"beta": 1.0, "alpha": 0.8}
-    for varied in ("beta", "alpha"):
-        found[varied] = questions_text(varied, survivor, record, "hover", params, ROOT / "prompts")
+    curves = [
+        {"candidate_id": "a", "series": name, "epoch": epoch, "value": value}
+        for name, values in RECORD.items()
+        for epoch, value in enumerate(values, 1)
+    ]
+    survivor = {"beta": 1.3, "alpha": 0.8}
+    found["beta"] = beta_question(survivor, shown_series(curves, "a", WEIGHED), first.about, params, ROOT / "prompts")
+    found["alpha"] = alpha_question(survivor, series_of(FEEDBACK, STAGED), first.about, params, ROOT / "prompts")
     return found
 
 
@@ -104,6 +122,70 @@ def test_an_ablation_changes_nothing_but_its_sentence():
     assert beyond.replace(f"{added[0]}\n", "") == plain
     with_bonus, without = ((GOLDEN / f"reward-refinement{name}.txt").read_text() for name in ("", "-without-bonus"))
     assert with_bonus.replace(", together with a bonus for exploration", "") == without
+
+
+def test_every_question_says_where_an_episode_starts_when_it_ends_and_what_fitness_measures():
+    from porse.tasks import find_task
+
+    task = find_task("Quadcopter")
+    said = [
+        f"At the start of an episode, {task.STARTS}.",
+        f"An episode ends after at most 499 steps; earlier {task.ENDS}.",
+        f"Fitness, which policies are judged by (higher is better): {task.FITNESS}.",
+    ]
+    for name, messages in prompts().items():
+        assert [text(messages).count(line) for line in said] == [1, 1, 1], name
+
+
+def test_a_task_that_says_nothing_of_itself_is_told_with_its_time_limit():
+    from porse.prompts import render
+
+    nothing = {"description": "to balance", "starts": "", "ends": "", "fitness": "", "limit": 250}
+    assert (
+        render(ROOT / "prompts", "about", **nothing) == "The task: to balance\nAn episode ends after at most 250 steps."
+    )
+
+
+def test_the_beta_prompt_shows_how_strong_both_rewards_are_and_what_was_explored():
+    said = text(prompts()["beta"])
+    for line in (
+        "The goal reward counts 0.7 and the bonus 1.3.",
+        "goal_size = [0.875, 1, 1.125]",
+        "bonus_size = [0.25, 0.125, 0.1]",
+        "bonus_share = [0.275, 0.124, 0.0885]",
+        "cells_visited = [0.04, 0.11, 0.12]",
+        "new_cells = [38, 71, 9]",
+        "progress/distance = [3, 2.5, 2.25]",
+    ):
+        assert line in said
+    assert "episode_length" not in said
+    assert "\nbonus = " not in said
+    # Each is told what it is, in one line.
+    for name in ("goal_size and bonus_size", "bonus_share", "cells_visited", "new_cells"):
+        assert said.count(f"\n- {name}: ") == 1
+
+
+def test_without_a_bonus_of_cells_the_beta_prompt_speaks_of_what_there_is(params):
+    from porse.generation.values import beta_question
+    from porse.search.feedback import Series
+
+    hashed = dataclasses.replace(
+        params, candidate=dataclasses.replace(params.candidate, bonus="simhash", goal="sparse")
+    )
+    record = [Series("fitness", (1, 2), (0.5, 0.25))]
+    facts = briefs()["first"].about
+    said = text(beta_question({"beta": 1.0}, record, facts, hashed, ROOT / "prompts"))
+    assert "hashed into cells" in said
+    assert "the fitness of each step" in said
+    assert not any(word in said for word in ("progress", "component", "language model", "goal_size", "new_cells"))
+
+
+def test_the_reward_prompt_says_that_the_scale_of_the_whole_is_free():
+    [line] = [line for line in text(prompts()["reward-first"]).splitlines() if "scale" in line]
+    assert "The scale of the whole reward is free" in line
+    assert "how large its components are beside each other" in line
+    # Once is enough: what is shown of a training is in the reward's own units.
+    assert "is free" not in text(prompts()["mapping-first"])
 
 
 def test_a_missing_fact_is_an_error(root):
@@ -151,7 +233,7 @@ def test_prompts_say_what_the_paper_says():
         "reward-refinement": ["wholly new function", "scale or temperature", "drop it", "far larger", "First go through the components"],
         "mapping-first": ["have two", "average", "True", "False", "helpers", "a name"],
         "mapping-refinement": ["wholly new function", "sensitive", "does not move at all", "divisible into stages", "leave it out"],
-        "alpha": ["weighted sum", "alpha low", "alpha high", "slightly lower", "evenly over 0 to 1", "Give 5"],
+        "alpha": ["record of the last stage", "weighted sum", "alpha low", "alpha high", "slightly lower", "evenly over 0 to 1", "Give 5"],
         "beta": ["exploration bonus", "slightly less weight", "slightly more weight", "spread evenly", "[0, 2]", "Give 5"],
     }  # fmt: skip
     for name, words in points.items():

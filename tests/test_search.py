@@ -7,7 +7,7 @@ import pytest
 from porse.config import EliminateParams
 from porse.errors import SearchError
 from porse.search.elimination import Score, rank, ranked_pool, score, survivors
-from porse.search.feedback import Series, feedback_rows, shown_series
+from porse.search.feedback import TOLD, Series, feedback_rows, shown_series
 from porse.search.fusion import fuse
 from porse.search.mutation import mutant, swarm_step
 from porse.search.schedule import total_epochs, varied, work
@@ -151,7 +151,7 @@ def test_the_swarm_step_with_a_pencil(params):
 def test_a_mutant_changes_one_number_and_never_the_code():
     parent = {
         "iteration": 1, "slot": 2, "candidate_id": "p", "origin": "new", "parent_id": "", "reward_source": "r",
-        "mapping_source": "m", "beta": 1.0, "alpha": 0.8, "policy": "p", "epochs": 45, "failure": "",
+        "mapping_source": "m", "beta": 1.0, "alpha": 0.8, "draw": 0, "policy": "p", "epochs": 45, "failure": "",
     }  # fmt: skip
     child = mutant("T", parent, "beta", 1.5, 6, "fused")
     assert (child["beta"], child["alpha"], child["origin"], child["parent_id"]) == (1.5, 0.8, "mutant", "p")
@@ -160,9 +160,9 @@ def test_a_mutant_changes_one_number_and_never_the_code():
     assert child["candidate_id"] != mutant("T", parent, "alpha", 0.5, 6, "x")["candidate_id"]
 
 
-def test_sampled_points_are_evenly_spaced_and_end_at_the_last_epoch():
+def test_sampled_points_are_evenly_spaced_from_the_first_epoch_to_the_last():
     series = Series("fitness", tuple(range(1, 91)), tuple(map(float, range(1, 91))))
-    assert series.sampled(10).epochs == (9, 18, 27, 36, 45, 54, 63, 72, 81, 90)
+    assert series.sampled(10).epochs == (1, 10, 20, 30, 40, 50, 60, 70, 80, 90)
     assert series.last(3).epochs == (88, 89, 90)
     assert Series("x", (1, 2), (0.0, 1.0)).sampled(10).epochs == (1, 2)
 
@@ -174,6 +174,6 @@ def test_feedback_shows_fitness_components_and_progress_with_their_extremes():
         *curve("a", [1, 1], "goal"),
         *curve("b", [9]),
     ]
-    assert [series.name for series in shown_series(rows, "a")] == ["fitness", "component/c"]
-    first = feedback_rows(rows, "a", 1)[0]
-    assert first == {"series": "fitness", "epoch": 2, "value": 3.0, "maximum": 3.0, "mean": 2.0, "minimum": 1.0}
+    assert [series.name for series in shown_series(rows, "a", TOLD)] == ["fitness", "component/c"]
+    first = feedback_rows(rows, "a", 2)[0]
+    assert first == {"series": "fitness", "epoch": 1, "value": 1.0, "maximum": 3.0, "mean": 2.0, "minimum": 1.0}

@@ -2,10 +2,13 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
+from porse.config import parse_params
 from porse.search.breeding import Population, bred, plan
 from porse.search.incumbent import feedback_mts, incumbent
+from tiny import committed_params
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +82,52 @@ def test_a_child_below_its_islands_mean_stays_out_and_a_full_island_loses_its_wo
     # The mean is 2: 1.9 stays out, 2.0 enters, and x leaves an island of two.
     assert [row["candidate_id"] for row in after.members] == ["y", "high"]
     assert {row["candidate_id"] for row in after.feedback} == {"y", "high"}
+
+
+def test_in_the_first_iteration_every_valid_individual_enters(revolve):
+    # One island: by the mean of those before, 3, then 2, then 4/3, the second, third and fifth would stay out.
+    roomy = dataclasses.replace(revolve.islands, count=1, size=5)
+    one_island = dataclasses.replace(revolve, islands=roomy)
+    six = dataclasses.replace(one_island, generate=dataclasses.replace(one_island.generate, candidates=6))
+    fitness = {"a": [3.0], "b": [1.0], "c": [0.0], "d": [9.0], "e": [-5.0]}
+    rows = [candidate(name, slot) for slot, name in enumerate(fitness)] + [candidate("f", 5, failure="not finite")]
+    after = bred(Population([], []), rows, curves(**fitness, f=[50.0]), six, 1)
+    assert [row["candidate_id"] for row in after.members] == ["d", "a", "b", "c", "e"]
+    # Whoever comes later asks: of the two, one is at the mean of (9 + 3 + 1 + 0 - 5) / 5 = 1.6.
+    later = bred(after, [candidate("g", 0), candidate("h", 1)], curves(g=[1.5], h=[1.6]), six, 2)
+    assert [row["candidate_id"] for row in later.members] == ["d", "a", "h", "b", "c"]
+
+
+def test_a_crossover_looks_for_an_island_with_two_members_and_is_as_frequent_as_configured(revolve):
+    # Three islands, one of two members: chosen first, it would be the island of every third crossover only.
+    members = [member(0, "a", 0.0), member(1, "b", 0.0), member(1, "c", 0.0), member(2, "d", 0.0)]
+    half = dataclasses.replace(revolve.islands, count=3, crossover=0.5)
+    many = dataclasses.replace(revolve, islands=half, generate=dataclasses.replace(revolve.generate, candidates=1000))
+    plans = plan(members, many, 2)
+    crossed = [breeding for breeding in plans if breeding.operator == "crossover"]
+    assert {(b.island, frozenset(b.parents)) for b in crossed} == {(1, frozenset({"b", "c"}))}
+    # 500 +- 3 x sqrt(1000 / 4)
+    assert abs(len(crossed) - 500) < 48
+    # Mutations come from all islands, each as often as its mean fitness says: here a third of them.
+    mutated = [breeding.island for breeding in plans if breeding.operator == "mutation"]
+    assert all(abs(mutated.count(island) / len(mutated) - 1 / 3) < 0.07 for island in (0, 1, 2))
+
+
+def test_over_whole_runs_half_of_the_rewards_are_crossed_where_half_are_asked_for(params):
+    revolve = parse_params({**committed_params(), "method": "revolve-auto"}, "params.yaml")
+    operators, drawn = [], np.random.default_rng(3)
+    for seed in range(60):
+        run = dataclasses.replace(revolve, seed=seed)
+        population = Population([], [])
+        for n in range(1, 6):
+            operators += [breeding.operator for breeding in plan(population.members, run, n)]
+            fitness = {f"{n}-{slot}": [float(drawn.normal())] for slot in range(6)}
+            rows = [candidate(name, slot) for slot, name in enumerate(fitness)]
+            population = bred(population, rows, curves(**fitness), run, n)
+    # 60 runs of 4 bred iterations of 6; three deviations of a fair coin are 0.04.
+    bred_ones = [operator for operator in operators if operator != "new"]
+    assert len(bred_ones) == 1440
+    assert abs(bred_ones.count("crossover") / 1440 - 0.5) < 0.04
 
 
 def test_a_member_that_is_bred_again_is_not_a_second_member(revolve):

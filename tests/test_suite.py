@@ -1,5 +1,6 @@
 """Suites: what a file asks for, what the status says of hand-made results, and one real suite at tiny size."""
 
+import dataclasses
 import json
 import os
 import re
@@ -15,8 +16,10 @@ from click.testing import CliRunner
 
 import tiny
 from porse.cli import main
+from porse.config import parse_params
 from porse.errors import ParamsError, PorseError
 from porse.identity import canonical_json
+from porse.search.schedule import total_epochs
 from porse.suite.folders import folders_of, is_locked, locked, write_json
 from porse.suite.plan import load_suite, parse_suite
 from porse.suite.resolve import code_id, laid_over, resolve, tracked_files
@@ -103,6 +106,29 @@ def test_the_suites_of_the_project_are_fine(root):
     for path in (root / "suites").glob("*.yaml"):
         assert load_suite(path).name == path.stem
         resolve(load_suite(path), root, "", str(path))
+
+
+def test_the_beta_sweep_is_figure_6_and_nothing_but_beta_differs_in_it(root):
+    resolved = resolve(load_suite(root / "suites" / "beta-sweep.yaml"), root, "", "beta-sweep.yaml")
+    assert len(resolved) == 2 * 7 * 5
+    entries = [parse_params(each.params, each.entry.name) for each in resolved]
+    # R_g : R_e of the figure, with Eureka's and LLMCount's ends
+    weights = {each.entry.variant: params.candidate for each, params in zip(resolved, entries, strict=True)}
+    assert {name: (round(own.scale - own.beta, 6), own.beta) for name, own in weights.items()} == {
+        "2-to-0": (2.0, 0.0),
+        "1.5-to-0.5": (1.5, 0.5),
+        "1.2-to-0.8": (1.2, 0.8),
+        "1-to-1": (1.0, 1.0),
+        "0.8-to-1.2": (0.8, 1.2),
+        "0.5-to-1.5": (0.5, 1.5),
+        "0-to-2": (0.0, 2.0),
+    }
+    # One policy of 3000 epochs each, and no mutant to change beta.
+    assert {total_epochs(params) for params in entries} == {3000}
+    for task in ("DoorOpenInward", "TwoCatchUnderarm"):
+        own = [params for params in entries if params.task == task]
+        alike = [dataclasses.replace(p, candidate=dataclasses.replace(p.candidate, beta=1.0), seed=1) for p in own]
+        assert len({repr(params) for params in alike}) == 1
 
 
 def test_overrides_merge_mappings_and_replace_everything_else():

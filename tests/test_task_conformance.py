@@ -96,6 +96,90 @@ def test_shapes_types_and_finiteness(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_a_task_says_how_an_episode_starts_and_ends_and_what_fitness_measures(name: str) -> None:
+    """Prompts complete each to a sentence, so none is a sentence by itself."""
+    task = TASKS[name]
+    for said in (task.STARTS, task.ENDS, task.FITNESS):
+        assert said, said
+        assert not said.endswith("."), said
+        assert not said[0].isupper(), said
+    assert task.ENDS == "never" or task.ENDS.startswith("as soon as ")
+    assert (task.ENDS == "never") == (name in {"Switch", "SwitchReachable"})
+    assert len({task.STARTS, task.ENDS, task.FITNESS}) == 3
+
+
+LIMITS: dict[str, tuple[str, ...]] = {
+    "Quadcopter": ("TOO_FAR", "TOO_LOW"),
+    "FrankaCabinet": ("OPEN",),
+    "Anymal": ("TOUCHED",),
+    "Humanoid": ("FALLEN",),
+    "BottleCap": ("DROPPED", "CAP_LOST", "BOTTLE_LOST"),
+    "Kettle": ("DROPPED",),
+    "LiftUnderarm": ("DROPPED",),
+    "ReOrientation": ("DROPPED",),
+    "SwingCup": ("DROPPED",),
+    "TwoCatchUnderarm": ("DROPPED",),
+}
+"""Constants of a task's module that end its episodes; other tasks have class attributes, DROPPED or LOST."""
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if TASKS[name].ENDS != "never"])
+def test_the_limits_that_end_an_episode_stand_in_its_words(name: str) -> None:
+    """The numbers of the code are those of the prompt, so that neither changes alone."""
+    task = TASKS[name]
+    module = sys.modules[task.__module__]
+    limits = [getattr(module, constant) for constant in LIMITS.get(name, ())]
+    limits += [value for key in ("DROPPED", "LOST") if (value := getattr(task, key, None)) is not None]
+    assert limits
+    words = re.findall(r"[0-9.]+", task.ENDS)
+    assert [limit for limit in limits if f"{limit:g}" not in words] == []
+
+
+SOLVED: dict[str, tuple[float, str]] = {
+    # What each task's success compares with, as the code has it, and the words for it.
+    "FrankaCabinet": (0.39, "more than 0.39 m"),
+    "Over": (0.03, "within 3 cm"),
+    "CatchUnderarm": (0.03, "within 3 cm"),
+    "CatchAbreast": (0.03, "within 3 cm"),
+    "CatchOver2Underarm": (0.03, "within 3 cm"),
+    "TwoCatchUnderarm": (0.06, "less than 6 cm"),
+    "DoorCloseInward": (0.5, "less than 0.5 m apart"),
+    "DoorCloseOutward": (0.5, "less than 0.5 m apart"),
+    "DoorOpenInward": (0.5, "more than 0.5 m apart"),
+    "DoorOpenOutward": (0.5, "more than 0.5 m apart"),
+    "Scissors": (-0.3, "beyond -0.3 rad"),
+    "SwingCup": (0.785, "within 0.785 rad"),
+    "Switch": (1.35, "less than 1.35 m"),
+    "SwitchReachable": (0.693, "at 0.693 m or lower"),
+    "Kettle": (0.05, "within 5 cm"),
+    "LiftUnderarm": (0.05, "within 5 cm"),
+    "Pen": (0.3, "more than 0.3 m apart"),
+    "BottleCap": (0.03, "more than 3 cm"),
+    "ReOrientation": (0.1, "within 0.1 rad"),
+    "GraspAndPlace": (0.2, "within 20 cm"),
+    "PushBlock": (0.1, "within 10 cm"),
+    "BlockStack": (0.07, "within 7 cm"),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_words_for_fitness_hold_what_success_compares_with(name: str) -> None:
+    if name not in SOLVED:
+        # A quantity and not a share of episodes.
+        assert name in {"Quadcopter", "Anymal", "Humanoid"}
+        assert "share" not in TASKS[name].FITNESS
+        return
+    constant, words = SOLVED[name]
+    assert words in TASKS[name].FITNESS
+    named = {"NEAR", "OPEN", "ALIGNED", "LOW", "POURING", "TOLERANCE", "HALF_OPEN"}
+    modules = [sys.modules[kind.__module__] for kind in TASKS[name].__mro__ if kind.__module__.startswith("porse.")]
+    found = [getattr(module, key) for module in modules for key in named if hasattr(module, key)]
+    # Switch compares 1.4 less the sum of two heights with 0.05.
+    assert (round(1.4 - sys.modules["porse.tasks.switch"].PRESSED, 6) if name == "Switch" else constant) == constant
+    assert name == "Switch" or constant in found
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_same_seed_gives_the_same_trajectory_at_any_thread_count(name: str) -> None:
     """One thread and two: the same bits after 30 steps; another seed: other starts."""
     one, two, other = (make_task(name, ENVS, seed=seed, threads=threads) for seed, threads in ((7, 1), (7, 2), (8, 1)))

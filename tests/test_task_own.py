@@ -107,7 +107,7 @@ def test_the_example_continues_exactly_from_a_state(inside):
 
 def test_the_example_is_shown_to_a_model_as_it_is(inside):
     source = find_task(NAME).observation_source()
-    assert "class CartPole:\n    # 1 actions in [-1, 1], control step 0.02 s, at most 250 steps an episode." in source
+    assert "class CartPole:\n    # 1 actions in [-1, 1], control step 0.02 s." in source
     assert "# self.pole_angle: (num_envs,), rad, joint frame: angle of the pole" in source
     assert "    def compute_observations(self) -> Tensor:\n        return torch.stack(" in source
 
@@ -129,7 +129,7 @@ def trained(root, project) -> Path:
         "iteration": 1, "slot": 0, "candidate_id": "one", "origin": "new", "parent_id": "", "reward_key": "",
         "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING,
         "reward_program": traced(REWARD, "reward", OFFERED).text,
-        "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8,
+        "mapping_program": traced(MAPPING, "mapping", OFFERED).text, "beta": 1.0, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
     write_pool(project / "pool", [row, {**row, "candidate_id": "two", "slot": 1, "beta": 0.5}], [], {"fused": start})

@@ -157,7 +157,7 @@ def candidate_row(name, reward, slot):
     return {
         "iteration": 1, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
         "mapping_key": "", "reward_source": reward, "mapping_source": MAPPING,
-        "reward_program": program(reward), "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8,
+        "reward_program": program(reward), "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

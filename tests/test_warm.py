@@ -37,7 +37,7 @@ def row(name: str, slot: int) -> dict:
     return {
         "iteration": 1, "slot": slot, "candidate_id": name, "origin": "new", "parent_id": "", "reward_key": "",
         "mapping_key": "", "reward_source": REWARD, "mapping_source": MAPPING, "reward_program": program(REWARD),
-        "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8,
+        "mapping_program": program(MAPPING), "beta": 1.0, "alpha": 0.8, "draw": 0,
         "policy": "fused", "epochs": 0, "failure": "",
     }  # fmt: skip
 

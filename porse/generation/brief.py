@@ -4,6 +4,7 @@ from pathlib import Path
 
 from porse import tables
 from porse.config import Params
+from porse.generation.about import about
 from porse.generation.conversations import Brief
 from porse.search.breeding import plan
 from porse.tasks import find_task
@@ -21,7 +22,7 @@ def read_brief(params: Params, iteration: int, start: Path, prompts: Path) -> Br
     members = tables.read(start / "members.parquet", tables.MEMBERS)
     return Brief(
         prompts=prompts,
-        description=task.DESCRIPTION,
+        about=about(task),
         environment=task.observation_source().strip(),
         has_bonus=params.candidate.bonus != "none",
         beyond_goal=params.generate.beyond_goal,

@@ -69,6 +69,7 @@ def _candidate(params: Params, iteration: int, slot: int, content: Row) -> Row:
         **content,
         "beta": defaults.beta,
         "alpha": defaults.alpha,
+        "draw": 0,
         "policy": START_POLICY,
         "epochs": 0,
         "failure": "",

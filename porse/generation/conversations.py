@@ -12,13 +12,21 @@ from typing import Any
 
 from porse.functions.contract import contract_text
 from porse.functions.verdict import Kind, Verdict
+from porse.generation.about import About
 from porse.llm.request import Message
 from porse.prompts import number, numbers, render
 from porse.search.breeding import Breeding
+from porse.search.feedback import shown_of
 from porse.tables import Row
 
-PREFIXES: dict[Kind, str] = {"reward": "component/", "mapping": "progress/"}
-"""The series that a kind of function is judged by, beside fitness."""
+JUDGED_BY: dict[Kind, tuple[str, ...]] = {
+    "reward": ("fitness", "episode_length", "component/"),
+    "mapping": ("fitness", "progress/"),
+}
+"""The series that a kind of function is judged by, in the order that they are shown in."""
+
+BRED_BY = ("fitness", "component/")
+"""The series of a parent that is bred from (REvolve)."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +35,7 @@ class Brief:
 
     Attributes:
         prompts: the folder of prompt texts.
-        description: the task in words.
+        about: the task in words.
         environment: the task's observation code.
         has_bonus: whether policies are paid a bonus for exploration beside the goal reward.
         beyond_goal: whether mappings shall have dimensions beyond the goal.
@@ -39,7 +47,7 @@ class Brief:
     """
 
     prompts: Path
-    description: str
+    about: About
     environment: str
     has_bonus: bool
     beyond_goal: bool
@@ -54,18 +62,17 @@ def conversation(brief: Brief, kind: Kind, slot: int) -> tuple[Message, ...]:
     """Returns the messages that ask for the function of `kind` in `slot`; only bred rewards differ between slots."""
     contract = contract_text(kind)
     system = render(brief.prompts, f"{kind}-system", contract=contract, beyond_goal=brief.beyond_goal)
-    task = render(brief.prompts, "task", description=brief.description, environment=brief.environment, kind=kind)
+    task = render(brief.prompts, "task", **brief.about, environment=brief.environment, kind=kind)
     first = (Message("system", system), Message("user", task))
     if kind == "reward" and brief.breedings:
         return _bred(first, brief, brief.breedings[slot])
     if brief.winner is None:
         return first
-    rows = [row for row in brief.feedback if row["series"].startswith(("fitness", PREFIXES[kind]))]
     feedback = render(
         brief.prompts,
         f"{kind}-feedback",
-        epochs=max(row["epoch"] for row in rows),
-        feedback=_lines(rows),
+        epochs=max(row["epoch"] for row in brief.feedback),
+        feedback=_lines(brief.feedback, JUDGED_BY[kind]),
         has_bonus=brief.has_bonus,
     )
     best = f"```python\n{brief.winner[f'{kind}_source'].strip()}\n```"
@@ -79,8 +86,7 @@ def _bred(first: tuple[Message, Message], brief: Brief, breeding: Breeding) -> t
     parents = []
     for name in breeding.parents:
         rows = [row for row in brief.member_feedback if row["candidate_id"] == name]
-        shown = [row for row in rows if row["series"].startswith(("fitness", PREFIXES["reward"]))]
-        parents.append({"source": brief.members[name]["reward_source"].strip(), "feedback": _lines(shown)})
+        parents.append({"source": brief.members[name]["reward_source"].strip(), "feedback": _lines(rows, BRED_BY)})
     system, task = first
     text = render(brief.prompts, f"reward-{breeding.operator}", parents=parents)
     return system, Message("user", f"{task.content}\n\n{text}")
@@ -93,9 +99,9 @@ def repair(asked: tuple[Message, ...], reply: str, verdict: Verdict, prompts: Pa
     return (*asked, Message("assistant", reply or "(empty)"), Message("user", text))
 
 
-def _lines(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Returns one line of feedback for each series, in the table's order with fitness first."""
-    names = sorted({row["series"] for row in rows}, key=lambda name: (name != "fitness", name))
+def _lines(rows: Sequence[Row], shown: Sequence[str]) -> list[dict[str, Any]]:
+    """Returns one line of feedback for each of the shown series."""
+    names = shown_of({row["series"] for row in rows}, shown)
     lines: list[dict[str, Any]] = []
     for name in names:
         points = [row for row in rows if row["series"] == name]

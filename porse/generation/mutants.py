@@ -7,14 +7,15 @@ from pathlib import Path
 from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import Params
-from porse.generation.values import propose, questions_text
+from porse.generation.about import about
+from porse.generation.values import Proposal, alpha_question, beta_question, propose
 from porse.llm.request import Reply
 from porse.pool import START_POLICY, Pool, policy_file
 from porse.search.elimination import ranked_pool
-from porse.search.feedback import shown_series
+from porse.search.feedback import STAGED, WEIGHED, series_of, shown_series
 from porse.search.fusion import fuse
 from porse.search.mutation import mutant, swarm_seed, swarm_step
-from porse.search.schedule import ALPHA, BETA, mutants, varied
+from porse.search.schedule import ALPHA, BETA, DRAW, mutants, varied
 from porse.tables import Row
 from porse.tasks import find_task
 
@@ -45,10 +46,10 @@ class Swarm:
         kind = varied(params, iteration)
         scores = ranked_pool(pool.candidates, pool.curves, params.eliminate)
         best = next(row for row in pool.candidates if row["candidate_id"] == scores[0].candidate_id)
-        record = shown_series(pool.curves, best["candidate_id"])
-        description = find_task(params.task).DESCRIPTION
-        messages = questions_text(kind, best, record, description, params, prompts)
-        proposal = propose(messages, kind, params, iteration, cache)
+        if kind == DRAW:
+            draws = [float(number) for number in range(1, params.mutate.mutants + 1)]
+            return _collect(pool, best, kind, draws, draws, params, [])
+        proposal = _proposal(pool, best, kind, start, params, iteration, prompts, cache)
         memory = _memory(start, kind, best[kind])
         bounds = (0.0, params.candidate.scale) if kind == BETA else (0.0, 1.0)
         values = swarm_step(
@@ -71,6 +72,21 @@ def write_starts(mutants: Sequence[Row], start: Path, target: Callable[[str], Pa
             continue
         best, random = (read_checkpoint(policy_file(start, stem)).policy() for stem in ("best", "random"))
         write_checkpoint(target(row["policy"]), policy_checkpoint(fuse(best, random, row["alpha"])))
+
+
+def _proposal(
+    pool: Pool, best: Row, kind: str, start: Path, params: Params, iteration: int, prompts: Path, cache: Path
+) -> Proposal:
+    """Returns the model's values: betas by the record of the best survivor, alphas by that of the previous winner."""
+    facts = about(find_task(params.task))
+    if kind == BETA:
+        record = shown_series(pool.curves, best["candidate_id"], WEIGHED)
+        messages = beta_question(best, record, facts, params, prompts)
+    else:
+        # How much of the previous winner is kept follows from how its own stage went.
+        record = series_of(tables.read(start / "feedback.parquet", tables.FEEDBACK), STAGED)
+        messages = alpha_question(best, record, facts, params, prompts)
+    return propose(messages, kind, params, iteration, cache)
 
 
 def _collect(

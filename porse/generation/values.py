@@ -9,11 +9,12 @@ from typing import Any
 
 from porse.config import Params
 from porse.errors import SearchError
+from porse.generation.about import About
 from porse.generation.answers import answers
 from porse.llm.request import Message, Origin, Question, Reply, request_of
 from porse.prompts import number, numbers, render
 from porse.search.feedback import Series
-from porse.search.schedule import ALPHA, BETA
+from porse.search.schedule import ALPHA
 from porse.tables import Row
 
 _BLOCK = re.compile(r"```[^\n`]*\n(.*?)```", re.DOTALL)
@@ -32,24 +33,57 @@ class Proposal:
     replies: list[Reply]
 
 
-def questions_text(
-    varied: str, survivor: Row, record: Sequence[Series], description: str, params: Params, prompts: Path
+def beta_question(
+    survivor: Row, record: Sequence[Series], about: About, params: Params, prompts: Path
 ) -> tuple[Message, ...]:
-    """Returns the messages that ask for the values of an iteration's mutants."""
-    recent = [series.last(params.mutate.window).sampled(params.mutate.points) for series in record]
-    scale = params.candidate.scale
-    system = render(prompts, f"{varied}-system", scale=number(scale), count=params.mutate.mutants)
-    facts: dict[str, Any] = {
-        "description": description,
-        "window": min(params.mutate.window, len(record[0].epochs)),
-        "epochs": recent[0].epochs,
-        "series": [{"name": series.name, "points": numbers(series.values)} for series in recent],
+    """Returns the messages that ask for weights of goal reward and bonus.
+
+    Args:
+        survivor: row of the best survivor, whose weights are to be varied.
+        record: its series so far, fitness first; the recent epochs of them are shown.
+        about: the task in words.
+        params: the run's parameters.
+        prompts: the folder of the prompts' templates.
+    """
+    scale, made_of = params.candidate.scale, {"goal": params.candidate.goal, "bonus": params.candidate.bonus}
+    system = render(prompts, "beta-system", scale=number(scale), count=params.mutate.mutants, **made_of)
+    task = render(
+        prompts,
+        "beta-task",
+        **about,
+        **made_of,
+        length=min(params.mutate.window, len(record[0].epochs)),
+        **_shown([series.last(params.mutate.window).sampled(params.mutate.points) for series in record]),
+        bonus_weight=number(survivor["beta"]),
+        goal_weight=number(scale - survivor["beta"]),
+    )
+    return Message("system", system), Message("user", task)
+
+
+def alpha_question(
+    survivor: Row, record: Sequence[Series], about: About, params: Params, prompts: Path
+) -> tuple[Message, ...]:
+    """Returns the messages that ask for shares of the previous winner.
+
+    Args:
+        survivor: row of the best survivor, whose share is to be varied.
+        record: sampled series of the previous winner, over the whole iteration that it won, fitness first.
+        about: the task in words.
+        params: the run's parameters.
+        prompts: the folder of the prompts' templates.
+    """
+    system = render(prompts, "alpha-system", count=params.mutate.mutants)
+    length, alpha = record[0].epochs[-1], number(survivor["alpha"])
+    task = render(prompts, "alpha-task", **about, length=length, **_shown(record), alpha=alpha)
+    return Message("system", system), Message("user", task)
+
+
+def _shown(record: Sequence[Series]) -> dict[str, Any]:
+    """Returns what prompts show of a record: the epochs of fitness, and a line for each series."""
+    return {
+        "epochs": record[0].epochs,
+        "series": [{"name": series.name, "points": numbers(series.values)} for series in record],
     }
-    if varied == BETA:
-        facts |= {"bonus_weight": number(survivor["beta"]), "goal_weight": number(scale - survivor["beta"])}
-    else:
-        facts |= {"alpha": number(survivor["alpha"])}
-    return Message("system", system), Message("user", render(prompts, f"{varied}-task", **facts))
 
 
 def propose(messages: tuple[Message, ...], varied: str, params: Params, iteration: int, cache: Path) -> Proposal:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from porse.errors import ParamsError
-from porse.methods.sets import ABLATIONS, METHODS, Set
+from porse.methods.sets import ABLATIONS, ASKED, METHODS, Set
 
 __all__ = ["ABLATIONS", "METHODS", "Origin", "origins", "overridden"]
 
@@ -24,7 +24,8 @@ def overridden(document: Mapping[str, Any], where: str) -> dict[str, Any]:
         where: names the file in errors.
 
     Raises:
-        ParamsError: the method or the ablation is unknown, or replaces what the pipeline's files are written from.
+        ParamsError: the method or the ablation is unknown, or replaces what the pipeline's files are written from; or the
+            ablation is one of a model's and no model writes.
     """
     result = dict(document)
     for _, sections in _chosen(document, where):
@@ -57,7 +58,18 @@ def _chosen(document: Mapping[str, Any], where: str) -> list[tuple[Origin, Set]]
             found = _find(key, name, sets, where)
             _check_set(found, f"{key} {name}")
             chosen.append((f"{key} {name}", found))
+    _check_generator(document, where)
     return chosen
+
+
+def _check_generator(document: Mapping[str, Any], where: str) -> None:
+    """Raises a ParamsError where an ablation concerns the model, and no model is asked."""
+    ablation, generator = document.get("ablation"), document.get("generator")
+    if generator != "model" and ablation in ASKED:
+        raise ParamsError(
+            f"expected generator to be model with the ablation {ablation}, since {ASKED[ablation]}, found {generator!r} in "
+            f"{where}; nobody is asked then, so the run would be that without the ablation: change one of the two"
+        )
 
 
 def _check_set(sections: Set, origin: Origin) -> None:

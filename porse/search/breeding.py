@@ -13,8 +13,11 @@ from porse.config import Params
 from porse.identity import seed_for
 from porse.search.feedback import feedback_rows
 from porse.search.incumbent import feedback_mts
-from porse.search.islands import Member, admit, choose_island, choose_operator, choose_parents, migrate
+from porse.search.islands import Member, admit, choose_island, choose_operator, choose_parents, crowded, migrate, settle
 from porse.tables import Row
+
+PARENTS = {"mutation": 1, "crossover": 2}
+"""How many parents each operator takes."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,14 @@ def _breeding(slot: int, members: Sequence[Member], params: Params, iteration: i
     rng = np.random.default_rng(seed_for(params.seed, "breeding", iteration, slot))
     if not members:
         return Breeding(slot, int(rng.integers(islands.count)), "new", ())
-    island = choose_island(members, islands.temperature, rng)
-    wanted = 2 if choose_operator(islands.crossover, rng) == "crossover" else 1
+    operator = choose_operator(islands.crossover, rng)
+    if operator == "crossover" and not crowded(members, 2):
+        operator = "mutation"
+    wanted = PARENTS[operator]
+    # The operator is drawn first: with as few members as a run has, an island drawn first would often hold one alone, and
+    # crossovers would be rarer than asked for.
+    island = choose_island(crowded(members, wanted), islands.temperature, rng)
     parents = choose_parents(members, island, wanted, islands.temperature, rng)
-    operator = "crossover" if len(parents) == 2 else "mutation"
     return Breeding(slot, island, operator, tuple(parent.candidate_id for parent in parents))
 
 
@@ -76,7 +83,9 @@ class Population:
 def bred(
     before: Population, candidates: Sequence[Row], curves: Sequence[Row], params: Params, iteration: int
 ) -> Population:
-    """Returns the population after an iteration: its candidates ask to enter, then islands may exchange members.
+    """Returns the population after an iteration: its candidates enter or ask to, then islands may exchange members.
+
+    Those of the first generation enter whatever their fitness is; later ones ask, by the mean of their island.
 
     Args:
         before: what the iteration started from; empty where rewards do not evolve on islands, and so is the result.
@@ -94,12 +103,13 @@ def bred(
     told = {row["candidate_id"]: list[Row]() for row in before.members}
     for row in before.feedback:
         told[row["candidate_id"]].append(row)
+    enter = admit if before.members else settle
     for row in sorted(candidates, key=lambda row: row["slot"]):
         name = row["candidate_id"]
         if row["failure"] or name in told or row["slot"] not in slots:
             continue
         told[name] = [{"candidate_id": name, **point} for point in feedback_rows(curves, name, params.fuse.points)]
-        known = admit(known, Member(slots[row["slot"]], name, feedback_mts(told[name])), islands.size)
+        known = enter(known, Member(slots[row["slot"]], name, feedback_mts(told[name])), islands.size)
     rng = np.random.default_rng(seed_for(params.seed, "migration", iteration))
     known = migrate(known, islands.migration, islands.temperature, rng)
     return Population([_row(member, sources) for member in known], [row for m in known for row in told[m.candidate_id]])

@@ -4,18 +4,24 @@ Sums of floats are `math.fsum`: rounded once, they are the same in every version
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from porse.tables import Row
 
-SHOWN = ("fitness", "component/", "progress/")
-"""Series that prompts show: fitness, reward components, progress variables."""
+TOLD = ("fitness", "episode_length", "component/", "progress/")
+"""Series that the feedback on a winner holds, by their names or how those begin, in the order that prompts show them in."""
+
+WEIGHED = ("fitness", "goal_size", "bonus_size", "bonus_share", "cells_visited", "new_cells", "component/", "progress/")
+"""Series of the record that weights of goal reward and bonus are chosen by."""
+
+STAGED = ("fitness", "component/", "progress/")
+"""Series of the record that a share of the previous winner is chosen by."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """One series of one candidate over all its epochs."""
+    """One series of one candidate over the epochs that have a value."""
 
     name: str
     epochs: tuple[int, ...]
@@ -26,24 +32,40 @@ class Series:
         return Series(self.name, self.epochs[-window:], self.values[-window:])
 
     def sampled(self, points: int) -> "Series":
-        """Returns at most `points` evenly spaced epochs of the series, its last one among them."""
+        """Returns at most `points` evenly spaced epochs of the series, its first and its last one among them.
+
+        Args:
+            points: 2 or more.
+        """
         count = len(self.epochs)
         if count <= points:
             return self
-        chosen = [((index + 1) * count) // points - 1 for index in range(points)]
+        chosen = [index * (count - 1) // (points - 1) for index in range(points)]
         return Series(self.name, tuple(self.epochs[i] for i in chosen), tuple(self.values[i] for i in chosen))
 
 
-def shown_series(curves: Sequence[Row], candidate_id: str) -> list[Series]:
-    """Returns the series of a candidate that prompts show, fitness first, then by name."""
-    values: dict[str, list[tuple[int, float]]] = {}
-    for row in curves:
-        if row["candidate_id"] == candidate_id and row["series"].startswith(SHOWN):
-            values.setdefault(row["series"], []).append((row["epoch"], row["value"]))
-    return [
-        Series(name, tuple(epoch for epoch, _ in sorted(points)), tuple(value for _, value in sorted(points)))
-        for name, points in sorted(values.items(), key=lambda item: (item[0] != "fitness", item[0]))
-    ]
+def shown_of(names: Iterable[str], shown: Sequence[str]) -> list[str]:
+    """Returns those of the names that begin as an entry of `shown` says, in the order of the entries, then by name."""
+    places = {name: next((i for i, entry in enumerate(shown) if name.startswith(entry)), None) for name in names}
+    found = [(place, name) for name, place in places.items() if place is not None]
+    return [name for _, name in sorted(found)]
+
+
+def shown_series(curves: Sequence[Row], candidate_id: str, shown: Sequence[str]) -> list[Series]:
+    """Returns the series of a candidate that `shown` names, in its order."""
+    return series_of([row for row in curves if row["candidate_id"] == candidate_id], shown)
+
+
+def series_of(rows: Sequence[Row], shown: Sequence[str]) -> list[Series]:
+    """Returns the series that `shown` names, in its order, from rows of the curves or the feedback of one candidate."""
+    points: dict[str, list[tuple[int, float]]] = {}
+    for row in rows:
+        points.setdefault(row["series"], []).append((row["epoch"], row["value"]))
+    found = []
+    for name in shown_of(points, shown):
+        epochs, values = zip(*sorted(points[name]), strict=True)
+        found.append(Series(name, epochs, values))
+    return found
 
 
 def feedback_rows(curves: Sequence[Row], candidate_id: str, points: int) -> list[Row]:
@@ -57,6 +79,6 @@ def feedback_rows(curves: Sequence[Row], candidate_id: str, points: int) -> list
             "mean": math.fsum(series.values) / len(series.values),
             "minimum": min(series.values),
         }
-        for series in shown_series(curves, candidate_id)
+        for series in shown_series(curves, candidate_id, TOLD)
         for epoch, value in zip(series.sampled(points).epochs, series.sampled(points).values, strict=True)
     ]

@@ -64,17 +64,29 @@ def choose_parents(
     return drawn
 
 
+def crowded(members: Sequence[Member], count: int) -> list[Member]:
+    """Returns the members of the islands that have at least `count` of them."""
+    return [member for member in members if len(_residents(members, member.island)) >= count]
+
+
+def settle(members: Sequence[Member], child: Member, size: int) -> list[Member]:
+    """Returns the members after `child` entered its island.
+
+    If the island then has more than `size` members, its worst leaves; of equal ones, that of the highest candidate id.
+    """
+    others = [member for member in members if member.island != child.island]
+    return _ordered(others + _ordered([*_residents(members, child.island), child])[:size])
+
+
 def admit(members: Sequence[Member], child: Member, size: int) -> list[Member]:
     """Returns the members after `child` asked to enter its island.
 
-    It enters when its fitness is at least the island's mean, or when the island is empty. If the island then has more
-    than `size` members, its worst leaves; of equal ones, that of the highest candidate id.
+    It enters when its fitness is at least the island's mean, or when the island is empty.
     """
     residents = _residents(members, child.island)
     if residents and child.fitness < _mean_fitness(residents):
         return _ordered(members)
-    others = [member for member in members if member.island != child.island]
-    return _ordered(others + _ordered([*residents, child])[:size])
+    return settle(members, child, size)
 
 
 def migrate(

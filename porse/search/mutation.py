@@ -6,7 +6,7 @@ import numpy as np
 
 from porse.config import MutateParams
 from porse.identity import candidate_id, seed_for
-from porse.search.schedule import ALPHA, BETA
+from porse.search.schedule import ALPHA, BETA, DRAW
 from porse.tables import Row
 
 _DIGITS = 6
@@ -44,21 +44,22 @@ def swarm_step(
 
 
 def mutant(task: str, parent: Row, varied: str, value: float, slot: int, policy: str) -> Row:
-    """Returns the candidate that differs from `parent` in beta or alpha alone; its code is never changed.
+    """Returns the candidate that differs from `parent` in beta, alpha or its draws alone; its code is never changed.
 
     Args:
         task: the task's name.
         parent: the best survivor's row.
-        varied: "beta" or "alpha".
-        value: the mutated value.
+        varied: "beta", "alpha" or "draw".
+        value: the mutated value; of a draw its number, from 1.
         slot: its place in the iteration.
         policy: stem of the file of its first policy.
     """
-    weights = {BETA: parent["beta"], ALPHA: parent["alpha"], varied: value}
-    identity = candidate_id(task, parent["reward_source"], parent["mapping_source"], weights[BETA], weights[ALPHA])
+    own = {BETA: parent["beta"], ALPHA: parent["alpha"], DRAW: parent["draw"], varied: value}
+    own[DRAW] = int(own[DRAW])
+    identity = candidate_id(task, parent["reward_source"], parent["mapping_source"], own[BETA], own[ALPHA], own[DRAW])
     return {
         **parent,
-        **weights,
+        **own,
         "slot": slot,
         "candidate_id": identity,
         "origin": "mutant",

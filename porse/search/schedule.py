@@ -9,7 +9,8 @@ from porse.errors import ParamsError
 from porse.search.elimination import how_many_go_on
 from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
 
-BETA, ALPHA = "beta", "alpha"
+BETA, ALPHA, DRAW = "beta", "alpha", "draw"
+"""What mutants may vary: a weight, a share, or nothing but the random draws of their training."""
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,18 @@
 """`porse suite`: runs many configurations from one file, and shows what came out of them."""
 
+import csv
 import json
+import sys
 from pathlib import Path
 
 import click
 
 from porse.errors import PorseError
+from porse.report.trends import GROUPED, read_finished, trends, trends_table, winners_fitness
 from porse.suite.folders import folders_of
 from porse.suite.plan import load_suite
 from porse.suite.run import run_suite
-from porse.suite.status import rows, status_text, suite_status, summary
+from porse.suite.status import Status, rows, status_text, suite_status, summary
 
 FILE = click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 
@@ -67,3 +70,31 @@ def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | No
     if target is not None:
         write_csv(rows, target)
     click.echo(compared_text(rows))
+
+
+@suite.command("trends")
+@FILE
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
+def show_trends(file: Path, as_json: bool) -> None:
+    """Print beta and alpha of the winners by iteration, over the seeds of FILE's finished runs (table 18)."""
+    found = trends(read_finished(folder, status.entry.variant) for status, folder in _done(file))
+    click.echo(json.dumps(found, indent=2) if as_json else trends_table(found))
+
+
+@suite.command()
+@FILE
+def curves(file: Path) -> None:
+    """Print the winners' fitness by epoch of FILE's finished runs as CSV, one line for each epoch (figure 6)."""
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow((*GROUPED, "seed", "epoch", "fitness"))
+    for status, folder in _done(file):
+        names = [getattr(status.entry, name) for name in (*GROUPED, "seed")]
+        writer.writerows((*names, epoch, value) for epoch, value in winners_fitness(read_finished(folder)))
+
+
+def _done(file: Path) -> list[tuple[Status, Path]]:
+    """Returns the finished entries of a suite, each with the folder of what came out of it."""
+    loaded = load_suite(file)
+    folders = folders_of(loaded.name, Path.cwd())
+    statuses = suite_status(loaded, Path.cwd(), str(file))
+    return [(status, folders.result(status.entry.name)) for status in statuses if status.state == "done"]

@@ -29,6 +29,15 @@ class Anymal(WalkingTask):
 
     NAME: ClassVar[str] = "Anymal"
     DESCRIPTION: ClassVar[str] = "to make the quadruped follow randomly chosen x, y, and yaw target velocities"
+    STARTS: ClassVar[str] = (
+        "the quadruped stands at rest with its base at 0.62 m, its joints at 0.5 to 1.5 times their default "
+        "angles, and a target velocity is drawn: x in [-2, 2] m/s, y in [-1, 1] m/s, yaw in [-1, 1] rad/s"
+    )
+    ENDS: ClassVar[str] = "as soon as the base or a thigh touches something with more than 1 N"
+    FITNESS: ClassVar[str] = (
+        "minus the squared errors of the velocities in the body's frame, (m/s)^2 over x and y plus (rad/s)^2 of "
+        "the yaw; 0 is the best"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 48
     NUM_ACTIONS: ClassVar[int] = 12
     EPISODE_LENGTH: ClassVar[int] = 2500

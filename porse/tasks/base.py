@@ -38,6 +38,10 @@ class Task(ABC):
         NAME: the task's name.
         FAMILY: "isaac" or "bidex", after the suite that it comes from; "own" for a task of your own.
         DESCRIPTION: the task text that prompts show.
+        STARTS: how an episode starts, in words for prompts: a clause with a subject; empty: prompts say nothing of it.
+        ENDS: what ends an episode before the time limit, a clause such as "as soon as the cup is at 0.3 m or lower", or
+            "never"; empty: prompts tell the time limit alone.
+        FITNESS: what fitness measures, with its unit, in words for prompts; empty: prompts say nothing of it.
         NUM_OBSERVATIONS: width of an observation.
         NUM_ACTIONS: width of an action; each lies in [-1, 1].
         EPISODE_LENGTH: control steps of the longest episode.
@@ -60,6 +64,9 @@ class Task(ABC):
     NAME: ClassVar[str]
     FAMILY: ClassVar[str] = "own"
     DESCRIPTION: ClassVar[str]
+    STARTS: ClassVar[str] = ""
+    ENDS: ClassVar[str] = ""
+    FITNESS: ClassVar[str] = ""
     NUM_OBSERVATIONS: ClassVar[int]
     NUM_ACTIONS: ClassVar[int]
     EPISODE_LENGTH: ClassVar[int]

@@ -27,6 +27,12 @@ class BlockStack(HandleTask):
 
     NAME: ClassVar[str] = "BlockStack"
     DESCRIPTION: ClassVar[str] = "two shadow hands stack two blocks into a tower"
+    STARTS: ClassVar[str] = "the cubes stand on the table, 0.2 m apart"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 0.75 m or more"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the right cube once was within 7 cm of (0, 0, 0.625), and the left one "
+        "within 7 cm of (0, 0, 0.675) and within 3 cm of its height"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 428
     EPISODE_LENGTH: ClassVar[int] = 250
     TIME_LIMIT: ClassVar[int] = 250

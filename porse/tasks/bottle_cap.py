@@ -36,6 +36,14 @@ class BottleCap(FreeHandTask):
     DESCRIPTION: ClassVar[str] = (
         "one shadow hand holds a bottle, and the other opens its cap without letting the bottle fall"
     )
+    STARTS: ClassVar[str] = "the bottle, shut, lies in the left hand, and the right hand is above its cap"
+    ENDS: ClassVar[str] = (
+        "as soon as the place of the cap on the bottle (bottle_cap_pos) is at 0.5 m or lower or 0.5 m or more "
+        "from the right palm, or the bottle is 0.2 m or more from the left palm"
+    )
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the cap once was more than 3 cm from the bottle's origin; shut it is 1 cm"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 422
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125

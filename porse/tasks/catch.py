@@ -61,6 +61,9 @@ class CatchTask(TwoHandTask):
 
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the object came within 3 cm of its goal; its orientation does not count"
+    )
     EGG_START: ClassVar[tuple[float, float, float]]
     EGG_NOISE: ClassVar[float]
     GOAL: ClassVar[tuple[float, float, float]]

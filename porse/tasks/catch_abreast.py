@@ -26,6 +26,11 @@ class CatchAbreast(FreeCatchTask):
         "two shadow hands are placed side by side and face the same way, like the hands of one person, who passes an "
         "object from the right hand to the left; throwing and catching abreast needs more movement of the hands"
     )
+    STARTS: ClassVar[str] = (
+        "the object is at one place above the right hand, in a random orientation, and the goal is at one place "
+        "above the left hand, in another one"
+    )
+    ENDS: ClassVar[str] = "as soon as the object is at 0.2 m or lower, or a palm is 10 cm or more from its place"
     EPISODE_LENGTH: ClassVar[int] = 150
     TIME_LIMIT: ClassVar[int] = 150
     VARIABLES: ClassVar[tuple[Variable, ...]] = (*palm_variables(), *catch_variables(52, 422))

@@ -21,6 +21,13 @@ class CatchOver2Underarm(FreeCatchTask):
         "two shadow hands each hold an object that must be thrown to the other hand at the same time; here the right "
         "hand stands upright and throws overarm, and the left hand lies palm up and catches"
     )
+    STARTS: ClassVar[str] = (
+        "the object is at one place above the fingertips of the right hand, in a random orientation, and the goal "
+        "is at one place above the left hand, in another one"
+    )
+    ENDS: ClassVar[str] = (
+        "as soon as the object is at 0.3 m or lower, or the root of a hand is 10 cm or more from its place"
+    )
     EPISODE_LENGTH: ClassVar[int] = 75
     TIME_LIMIT: ClassVar[int] = 75
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (1.67, 3.14, 0.0))

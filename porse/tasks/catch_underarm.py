@@ -16,6 +16,12 @@ class CatchUnderarm(FreeCatchTask):
         "which must throw it so that the left hand catches it; unlike in Over, the translation and rotation of each "
         "hand are actuated, which makes the task harder"
     )
+    STARTS: ClassVar[str] = (
+        "the object is above the right hand, within 1 cm of one place on each axis, in a random orientation, and "
+        "the goal is at one place above the left hand, in another one; the joints of the hands are drawn at "
+        "random, the same for both"
+    )
+    ENDS: ClassVar[str] = "as soon as the object is at 0.1 m or lower"
     EPISODE_LENGTH: ClassVar[int] = 75
     TIME_LIMIT: ClassVar[int] = 75
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))

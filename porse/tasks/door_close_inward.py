@@ -19,6 +19,9 @@ class DoorCloseInward(DoorTask):
         "two shadow hands close a double door whose panels stand open toward them: both hands reach for the "
         "handles and push the panels shut; pushing is enough"
     )
+    STARTS: ClassVar[str] = "both panels stand wide open, at 1.57 rad, toward the hands"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.5 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were less than 0.5 m apart along y"
     RIGHT: ClassVar[shadow.BasePose] = WIDE_HANDS[0]
     LEFT: ClassVar[shadow.BasePose] = WIDE_HANDS[1]
     EULER: ClassVar[objects.Vector] = INWARD

@@ -19,6 +19,9 @@ class DoorCloseOutward(DoorTask):
         "two shadow hands close a double door whose panels stand open away from them: both hands must catch "
         "the handles and pull the panels shut"
     )
+    STARTS: ClassVar[str] = "both panels stand wide open, at 1.57 rad, away from the hands"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 3 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were less than 0.5 m apart along y"
     RIGHT: ClassVar[shadow.BasePose] = NEAR_HANDS[0]
     LEFT: ClassVar[shadow.BasePose] = NEAR_HANDS[1]
     EULER: ClassVar[objects.Vector] = OUTWARD

@@ -15,6 +15,9 @@ class DoorOpenInward(DoorTask):
         "two shadow hands open a closed double door that opens toward them only: both hands must grasp the "
         "handles and pull the panels open"
     )
+    STARTS: ClassVar[str] = "both panels are shut, with the handles 0.067 m apart along y"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.5 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were more than 0.5 m apart along y"
     RIGHT: ClassVar[shadow.BasePose] = NEAR_HANDS[0]
     LEFT: ClassVar[shadow.BasePose] = NEAR_HANDS[1]
     EULER: ClassVar[objects.Vector] = INWARD

@@ -48,6 +48,11 @@ class FrankaCabinet(SuccessTask):
     NAME: ClassVar[str] = "FrankaCabinet"
     FAMILY: ClassVar[str] = "isaac"
     DESCRIPTION: ClassVar[str] = "to open the cabinet door"
+    STARTS: ClassVar[str] = (
+        "the cabinet is shut, and the arm is at rest in front of it, each joint within 0.125 rad of one pose"
+    )
+    ENDS: ClassVar[str] = "as soon as the top drawer is open by more than 0.39 m"
+    FITNESS: ClassVar[str] = "the share of episodes in which the top drawer came to be open by more than 0.39 m"
     NUM_OBSERVATIONS: ClassVar[int] = 23
     NUM_ACTIONS: ClassVar[int] = 9
     EPISODE_LENGTH: ClassVar[int] = 500

@@ -25,6 +25,9 @@ class GraspAndPlace(HandleTask):
         "two shadow hands pick up an object from a table, while one of them holds a bucket, and put the "
         "object into the bucket"
     )
+    STARTS: ClassVar[str] = "the bucket and the cube stand on the table, 0.4 m apart"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.5 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the cube once was within 20 cm of the bucket"
     NUM_OBSERVATIONS: ClassVar[int] = 425
     EPISODE_LENGTH: ClassVar[int] = 500
     TIME_LIMIT: ClassVar[int] = 500

@@ -34,6 +34,12 @@ class Humanoid(WalkingTask):
 
     NAME: ClassVar[str] = "Humanoid"
     DESCRIPTION: ClassVar[str] = "to make the humanoid run as fast as possible"
+    STARTS: ClassVar[str] = (
+        "the humanoid stands with its torso at 1.34 m, each joint within 0.2 rad of straight and turning at up to "
+        "0.1 rad/s"
+    )
+    ENDS: ClassVar[str] = "as soon as the torso is lower than 0.8 m"
+    FITNESS: ClassVar[str] = "the speed (m/s) at which the humanoid comes nearer to a target 1000 m ahead on the x axis"
     NUM_OBSERVATIONS: ClassVar[int] = 108
     NUM_ACTIONS: ClassVar[int] = 21
     EPISODE_LENGTH: ClassVar[int] = 1000

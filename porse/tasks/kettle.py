@@ -35,6 +35,12 @@ class Kettle(HandleTask):
         "one shadow hand holds a kettle and the other holds a bucket; together they pour the water from the "
         "kettle into the bucket"
     )
+    STARTS: ClassVar[str] = "the kettle, with the water in it, and the bucket stand on the table"
+    ENDS: ClassVar[str] = "as soon as the bucket's point (bucket_handle_pos) is at 0.2 m or lower"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the spout once was within 5 cm of the bucket's point, which lies 10 cm "
+        "below the bucket; the water itself does not count"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125

@@ -33,6 +33,11 @@ class LiftUnderarm(FreeHandTask):
     DESCRIPTION: ClassVar[str] = (
         "two shadow hands grasp the two handles of a pot and lift it together to the designated place above the table"
     )
+    STARTS: ClassVar[str] = (
+        "the pot stands on the table, with a hand, palm up, beside each handle; its goal is 0.384 m above it"
+    )
+    ENDS: ClassVar[str] = "as soon as the pot is at 0.3 m or lower, or a palm is 20 cm or more from its handle"
+    FITNESS: ClassVar[str] = "the share of episodes in which the pot once was within 5 cm of its goal"
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 500
     TIME_LIMIT: ClassVar[int] = 500

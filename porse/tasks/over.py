@@ -21,6 +21,12 @@ class Over(CatchTask):
         "the right hand, which must throw it, since it can neither be rolled nor handed over, so that the left hand "
         "catches it and holds it at the goal"
     )
+    STARTS: ClassVar[str] = (
+        "the object is above the right hand, within 1 cm of one place on each axis, in a random orientation, and "
+        "the goal is at one place above the left hand, in another one; the joints of the hands are drawn at "
+        "random, the same for both"
+    )
+    ENDS: ClassVar[str] = "as soon as the object is at 0.2 m or lower"
     NUM_OBSERVATIONS: ClassVar[int] = 398
     NUM_ACTIONS: ClassVar[int] = 40
     EPISODE_LENGTH: ClassVar[int] = 75

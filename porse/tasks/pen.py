@@ -27,6 +27,9 @@ class Pen(HandleTask):
     DESCRIPTION: ClassVar[str] = (
         "two shadow hands open the cap of a pen: each hand holds one end, and they pull the pen apart"
     )
+    STARTS: ClassVar[str] = "the pen lies shut on the table, its handles 0.17 m apart"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.5 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles of the pen once were more than 0.3 m apart"
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125

@@ -69,6 +69,12 @@ class Quadcopter(Task):
     NAME: ClassVar[str] = "Quadcopter"
     FAMILY: ClassVar[str] = "isaac"
     DESCRIPTION: ClassVar[str] = "to make the quadcopter reach and hover near a fixed position"
+    STARTS: ClassVar[str] = (
+        "the quadcopter is at rest and level, up to 1.5 m from the target along x and along y, and from 0.2 m "
+        "below it to 1.5 m above it; the rotors are tilted by up to 0.2 rad and give no thrust"
+    )
+    ENDS: ClassVar[str] = "as soon as the quadcopter is farther than 3 m from the target or lower than 0.3 m"
+    FITNESS: ClassVar[str] = "minus the distance (m) between quadcopter and target; 0 is the best"
     NUM_OBSERVATIONS: ClassVar[int] = 21
     NUM_ACTIONS: ClassVar[int] = 12
     EPISODE_LENGTH: ClassVar[int] = 500

@@ -37,6 +37,16 @@ class ReOrientation(PairTask):
         "two shadow hands with fixed bases each hold an object on their upward palms and turn it in the hand to its "
         "target orientation"
     )
+    STARTS: ClassVar[str] = (
+        "a cube is above each palm, within 1 cm of one place on each axis, both in one random orientation; their "
+        "goals share another one; the joints of the hands are drawn at random, the same for both"
+    )
+    ENDS: ClassVar[str] = "as soon as one of the cubes is at 0.2 m or lower"
+    FITNESS: ClassVar[str] = (
+        "how often in an episode the left hand's cube (object_another) came within 0.1 rad of its goal's "
+        "orientation, as a running mean over the episodes that ended; each time, both cubes get a new goal, and "
+        "the right hand's cube does not count"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 422
     NUM_ACTIONS: ClassVar[int] = 40
     EPISODE_LENGTH: ClassVar[int] = 600

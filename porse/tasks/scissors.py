@@ -37,6 +37,9 @@ class Scissors(HandleTask):
     DESCRIPTION: ClassVar[str] = (
         "two shadow hands open a pair of scissors: the hands reach for the two handles and spread them"
     )
+    STARTS: ClassVar[str] = "the scissors lie shut on the table, at -0.59 rad"
+    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.75 m or more"
+    FITNESS: ClassVar[str] = "the share of episodes in which the scissors once were open beyond -0.3 rad"
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 150
     TIME_LIMIT: ClassVar[int] = 150

@@ -12,8 +12,7 @@ def observation_source(task: "type[Task]") -> str:
     """Returns the helpers, then the class with its variables as comments and its real `compute_observations`."""
     lines = [
         f"class {task.NAME}:",
-        f"    # {task.NUM_ACTIONS} actions in [-1, 1], control step {task.CONTROL_DT:g} s, at most "
-        f"{task.EPISODE_LENGTH} steps an episode.",
+        f"    # {task.NUM_ACTIONS} actions in [-1, 1], control step {task.CONTROL_DT:g} s.",
         "    # First dimension num_envs, float32, quaternions (x, y, z, w), unless said.",
     ]
     for v in task.VARIABLES:

@@ -31,6 +31,11 @@ class SwingCup(HandleTask):
     DESCRIPTION: ClassVar[str] = (
         "two shadow hands hold a cup by its two handles, one each, and swing it together by half a turn"
     )
+    STARTS: ClassVar[str] = "the cup stands on the table, turned by half a turn from its goal"
+    ENDS: ClassVar[str] = "as soon as the cup is at 0.3 m or lower"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the cup once was within 0.785 rad of its goal's orientation"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 150
     TIME_LIMIT: ClassVar[int] = 150

@@ -38,6 +38,12 @@ class Switch(HandleTask):
 
     NAME: ClassVar[str] = "Switch"
     DESCRIPTION: ClassVar[str] = "two shadow hands, each with its fingers, press the desired button of a switch"
+    STARTS: ClassVar[str] = "both rockers are at their lower stop, their tracked points at a height of 0.692 m"
+    ENDS: ClassVar[str] = "never"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the heights of the tracked points of both rockers once summed to less "
+        "than 1.35 m"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 417
     EPISODE_LENGTH: ClassVar[int] = 125
     TIME_LIMIT: ClassVar[int] = 125

@@ -18,6 +18,11 @@ class SwitchReachable(Switch):
     """Press both switches, from their upper stops."""
 
     NAME: ClassVar[str] = "SwitchReachable"
+    STARTS: ClassVar[str] = "both rockers are at their upper stop, their tracked points at a height of 0.702 m"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the tracked points of both rockers once were at 0.693 m or lower at the "
+        "same time"
+    )
     START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {
         "object_rocker": (LIMIT, 0.0),
         "other_rocker": (LIMIT, 0.0),

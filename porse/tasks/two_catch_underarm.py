@@ -33,6 +33,15 @@ class TwoCatchUnderarm(PairTask, FreeHandTask):
         "two shadow hands with palms facing upwards stand opposite each other, and each holds an object; both objects "
         "must be thrown to the other hand at the same time and caught there"
     )
+    STARTS: ClassVar[str] = (
+        "an object is above each hand, within 1 cm of one place on each axis, both in one random orientation, and "
+        "the goal of each is at one place above the other hand, both in another orientation"
+    )
+    ENDS: ClassVar[str] = "as soon as one of the objects is at 0.2 m or lower"
+    FITNESS: ClassVar[str] = (
+        "the share of episodes in which the distances of both objects from their goals once summed to less than 6 "
+        "cm; their orientations do not count"
+    )
     NUM_OBSERVATIONS: ClassVar[int] = 446
     EPISODE_LENGTH: ClassVar[int] = 75
     TIME_LIMIT: ClassVar[int] = 75

@@ -46,8 +46,9 @@ def job_for(row: Row, start: Path, until: int, params: Params, out: Path) -> Job
         start=start,
         finish=policy_file(out, row["candidate_id"]),
         until=until,
-        # Candidates of one iteration share their draws, so that they differ by their functions and weights alone.
-        seed=seed_for(params.seed, "training", row["iteration"]),
+        # Candidates of one iteration share their draws, so that they differ by their functions and weights alone; but for
+        # those that differ by their draws.
+        seed=seed_for(params.seed, "training", row["iteration"], *(("draw", row["draw"]) if row["draw"] else ())),
     )
 
 

@@ -134,7 +134,7 @@ class Trainer:
             self.epoch += 1
             fitness = self._env.fitness.take()
             finite("its fitness was", torch.tensor(fitness))
-            series = {"fitness": fitness, **paid, **self._env.means.take()}
+            series = {"fitness": fitness, **paid, **self._env.means.take(), **self._env.lengths.take()}
             rows += [EpochRow(self.epoch, name, value) for name, value in series.items()]
             progress(self.epoch, fitness)
         return rows

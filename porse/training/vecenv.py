@@ -15,6 +15,7 @@ from torch import Tensor
 
 from porse.tasks.base import Task
 from porse.training.fitness import EpochFitness
+from porse.training.lengths import EpisodeLengths
 from porse.training.reward import EpochMeans, Reward
 
 
@@ -31,11 +32,12 @@ class TaskEnv(VecEnv):
         reward: what pays at the end of an epoch.
         means: the series of the running epoch that the reward does not know.
         fitness: the fitness of the running epoch.
+        lengths: of the episodes that ended in the running epoch.
     """
 
     def __init__(self, task: Task, reward: Reward) -> None:
         self.task, self.reward, self.means = task, reward, EpochMeans()
-        self.fitness = EpochFitness()
+        self.fitness, self.lengths = EpochFitness(), EpisodeLengths()
         self.num_envs = task.num_envs
         self.num_actions = task.NUM_ACTIONS
         self.max_episode_length = task.EPISODE_LENGTH
@@ -67,6 +69,7 @@ class TaskEnv(VecEnv):
         self.means.add({"terminated": terminated})
         ends = terminated | timed_out
         if bool(ends.any()):
+            self.lengths.add(self.task.progress[ends])
             self.task.renew(ends)
         extras = {"time_outs": (timed_out & ~terminated).float()}
         return self.get_observations(), torch.zeros(self.num_envs), ends, extras
