@@ -9,10 +9,10 @@ from typing import Any
 import click
 
 from porse import __version__, numerics, tables
-from porse.config import leaves, load_document, load_params, parse_params
+from porse.config import leaves, load_document, load_params, parse_params, resolve_document
 from porse.errors import PorseError
 from porse.inputs.stages import STAGES
-from porse.methods import ABLATIONS, METHODS, origins, overridden
+from porse.methods import ABLATIONS, METHODS
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.repro import reproduce
@@ -107,11 +107,12 @@ def show_params(path: Path, stage: str | None) -> None:
     """Print the parameters as stages read them, each with where it comes from when that is not the file."""
     document = load_document(path)
     parse_params(document, str(path))
-    resolved, source = overridden(document, str(path)), origins(document, str(path))
+    resolved = resolve_document(document, str(path))
     wanted = None if stage is None else STAGES[stage].parameters
-    for name, value in leaves(resolved):
+    for name, value in leaves(resolved.document):
         if wanted is None or any(name == own or name.startswith(f"{own}.") for own in wanted):
-            origin = next((source[key] for key in source if name == key or name.startswith(f"{key}.")), "")
+            sources = resolved.origins
+            origin = next((sources[key] for key in sources if name == key or name.startswith(f"{key}.")), "")
             click.echo(f"{name}: {json.dumps(value)}{f'  # {origin}' if origin else ''}")
 
 

@@ -15,6 +15,7 @@ from porse.pipeline import check_pipeline
 LAYERS: list[set[str]] = [
     {"errors", "identity", "processes", "task_names", "variables"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
+    {"presets"},
     {"config"},
     {"inputs", "numerics", "prompts", "pool"},
     {"stage", "pipeline", "warm"},
