@@ -17,6 +17,7 @@ from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.repro import reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
+from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
     "llm": "porse.estimate:llm",
@@ -162,9 +163,12 @@ def show_results(path: Path) -> None:
 
 
 @main.command("tasks")
+@click.option(
+    "--tag", "tags", multiple=True, type=click.Choice([*TAGS]), help="Only tasks with this tag; may be given again."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
-def show_tasks(as_json: bool) -> None:
-    """Print the tasks."""
+def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
+    """Print the tasks, with sizes and tags."""
     from porse.tasks import TASKS
 
     rows = [
@@ -175,13 +179,21 @@ def show_tasks(as_json: bool) -> None:
             "family": task.FAMILY,
             "description": task.DESCRIPTION,
             "episode_length": task.EPISODE_LENGTH,
+            "tags": list(TASK_TAGS[name]),
         }
-        for name, task in TASKS.items()
+        # Looking a task up imports its module: only those that are printed.
+        for name, task in ((name, TASKS[name]) for name in TASKS if {*tags} <= {*TASK_TAGS[name]})
     ]
     if as_json:
         click.echo(json.dumps(rows, indent=2))
         return
     for row in rows:
+        tagged = ", ".join(TASK_TAGS[str(row["task"])])
         click.echo(
-            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} {row['description']}"
+            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
+            f"{tagged:20} {row['description']}"
         )
+    if not tags:
+        click.echo()
+        for tag, meaning in TAGS.items():
+            click.echo(f"{tag:11} {meaning}")

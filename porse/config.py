@@ -15,7 +15,7 @@ from porse.conversion import Fraction, NonNegative, Positive, Range, convert, co
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import origins, overridden
-from porse.presets import Preset, filled, find_preset, given
+from porse.presets import filled, find_preset, given
 
 MOST_SUMMED_CELLS = 1872
 """Sums of bins are counted by joint cells, and those of 8 progress variables must fit into 64 bits."""
@@ -348,20 +348,13 @@ def resolve_document(document: Mapping[str, Any], where: str, root: Path = ROOT)
         ParamsError: task, size, method or ablation is unknown, or the preset is missing or wrong.
     """
     preset = find_preset(document, where, root)
-    if preset:
-        _check_preset(preset)
-    below = {f"{section}.{key}": preset.origin for section, key in given(document)} if preset else {}
     above = origins(document, where)
-    return Resolved(
-        overridden(filled(document, preset), where),
-        {**below, **above},
-        f"{where} over {preset.where}" if preset else where,
-    )
-
-
-def _check_preset(preset: Preset) -> None:
-    """Raises a ParamsError that names the preset's file, where one of its values is mistyped or out of range."""
+    if preset is None:
+        return Resolved(overridden(document, where), above, where)
+    # Checked by itself, so that an error names the preset's file.
     convert_part(preset.values, Params, "", preset.where, Section)
+    below = {f"{section}.{key}": preset.origin for section, key in given(document)}
+    return Resolved(overridden(filled(document, preset), where), {**below, **above}, f"{where} over {preset.where}")
 
 
 def parse_part(document: Mapping[str, Any], where: str) -> Params:

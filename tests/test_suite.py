@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -111,6 +112,9 @@ def project(tmp_path) -> Path:
     (tmp_path / "README.md").write_text("text")
     (tmp_path / "llm_cache").mkdir()
     (tmp_path / "llm_cache" / "reply.json").write_text("{}")
+    (tmp_path / "presets").mkdir()
+    for task in ("Quadcopter", "Over", "SwingCup"):
+        shutil.copy(tiny.ROOT / "presets" / f"{task}.yaml", tmp_path / "presets")
     tiny.run(tmp_path, "git", "init", "-q")
     tiny.run(tmp_path, "git", "add", "-A")
     return tmp_path

@@ -75,10 +75,10 @@ def find_preset(document: Mapping[str, Any], where: str, root: Path) -> Preset |
     return Preset(_read(path)[size], origin, f"{path}, size {size}")
 
 
-def filled(document: Mapping[str, Any], preset: Preset | None) -> dict[str, Any]:
+def filled(document: Mapping[str, Any], preset: Preset) -> dict[str, Any]:
     """Returns a parsed `params.yaml` with the preset's values in place of those that are null there."""
     result = dict(document)
-    for section, key in given(document) if preset else ():
+    for section, key in given(document):
         result[section] = {**result[section], key: preset.values[section][key]}
     return result
 

@@ -35,8 +35,8 @@ def sizes_of(task: str, root: Path, preset: Path) -> Sizes:
         ) from None
     except (SyntaxError, UnicodeDecodeError, ValueError) as error:
         raise ParamsError(f"expected Python in {path}, found: {error}; mend the file") from None
-    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name]
-    stated = _stated(classes[-1].body) if classes else {}
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    stated = _stated(name, classes)
     lacking = [key for key in _NAMES if stated.get(key, 0) < 1]
     if lacking:
         raise ParamsError(
@@ -47,12 +47,22 @@ def sizes_of(task: str, root: Path, preset: Path) -> Sizes:
     return Sizes(*(stated[key] for key in _NAMES))
 
 
-def _stated(body: list[ast.stmt]) -> dict[str, int]:
-    """Returns the whole numbers that are assigned to names in a class."""
+def _stated(name: str, classes: dict[str, ast.ClassDef]) -> dict[str, int]:
+    """Returns the whole numbers that are assigned to names in a class, or in a base of it that the module defines."""
     found: dict[str, int] = {}
-    for node in body:
-        targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-        value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
-        if isinstance(value, ast.Constant) and type(value.value) is int:
-            found |= {target.id: value.value for target in targets if isinstance(target, ast.Name)}
+    if name not in classes:
+        return found
+    own = classes[name]
+    others = {other: node for other, node in classes.items() if other != name}
+    for base in reversed(own.bases):
+        found |= _stated(base.id, others) if isinstance(base, ast.Name) else {}
+    for node in own.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            for target in targets:
+                if isinstance(target, ast.Name):
+                    # What is computed there is no longer what a base says.
+                    found.pop(target.id, None)
+                    if isinstance(node.value, ast.Constant) and type(node.value.value) is int:
+                        found[target.id] = node.value.value
     return found
