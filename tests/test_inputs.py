@@ -337,7 +337,7 @@ def test_parameters_that_are_written_are_read_as_the_same(project):
 def test_the_pipeline_follows_the_parameters(tmp_path):
     (tmp_path / "iterations").mkdir()
     shutil.copy(ROOT / "iterations" / "dvc.yaml.jinja", tmp_path / "iterations")
-    params = load_params(ROOT / "params.yaml")
+    params = load_params(ROOT / "params.yaml", ROOT)
     assert write_pipeline(tmp_path, params) == [f"iterations/{n}/dvc.yaml: written" for n in range(1, 6)]
     assert write_pipeline(tmp_path, params) == []
     check_pipeline(tmp_path, params)

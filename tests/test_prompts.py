@@ -48,7 +48,7 @@ def prompts():
     from porse.generation.values import questions_text
     from porse.search.feedback import Series
 
-    params = load_params(ROOT / "params.yaml")
+    params = load_params(ROOT / "params.yaml", ROOT)
     found = {
         f"{kind}-{name}": conversation(brief, kind, 0)
         for name, brief in briefs().items()
