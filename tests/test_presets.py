@@ -14,6 +14,7 @@ from porse.methods import ABLATIONS, METHODS
 from porse.presets import FOLDER, GIVEN, SIZES
 from porse.presets.own import sizes_of
 from porse.presets.rules import Sizes, values_by_rule
+from porse.search.schedule import total_epochs
 from porse.task_names import TASK_CLASSES, TASK_TAGS
 from porse.tasks import TASKS
 from tiny import ROOT, committed_params, dvc, run
@@ -120,6 +121,13 @@ def test_the_papers_size_is_the_public_configuration(task):
     assert found == PUBLIC[task]
     # Isaac Gym's learners normalise what they observe, Eureka's with two hands do not.
     assert (train.rung_epochs, train.init_std, train.normalise_observations) == (500, 1.0, task != "Over")
+
+
+@pytest.mark.parametrize("task", ["Anymal", "Kettle"])
+def test_the_papers_size_spends_the_papers_budget(task):
+    params = params_of(task, "paper")
+    # T_max: six rungs of one policy; 5 iterations of 36 rungs.
+    assert (6 * params.train.rung_epochs, total_epochs(params)) == (3_000, 90_000)
 
 
 def test_the_default_task_keeps_its_numbers_but_for_the_rung():
