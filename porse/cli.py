@@ -9,15 +9,16 @@ from typing import Any
 import click
 
 from porse import __version__, numerics, tables
-from porse.config import leaves, load_document, load_params, parse_params
+from porse.config import leaves, load_document, load_params, parse_params, resolve_document
 from porse.errors import PorseError
 from porse.inputs.stages import STAGES
-from porse.methods import ABLATIONS, METHODS, origins, overridden
+from porse.methods import ABLATIONS, METHODS
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.report.trends import read_finished, trends, trends_table
 from porse.repro import reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
+from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
     "llm": "porse.estimate:llm",
@@ -108,11 +109,12 @@ def show_params(path: Path, stage: str | None) -> None:
     """Print the parameters as stages read them, each with where it comes from when that is not the file."""
     document = load_document(path)
     parse_params(document, str(path))
-    resolved, source = overridden(document, str(path)), origins(document, str(path))
+    resolved = resolve_document(document, str(path))
     wanted = None if stage is None else STAGES[stage].parameters
-    for name, value in leaves(resolved):
+    for name, value in leaves(resolved.document):
         if wanted is None or any(name == own or name.startswith(f"{own}.") for own in wanted):
-            origin = next((source[key] for key in source if name == key or name.startswith(f"{key}.")), "")
+            sources = resolved.origins
+            origin = next((sources[key] for key in sources if name == key or name.startswith(f"{key}.")), "")
             click.echo(f"{name}: {json.dumps(value)}{f'  # {origin}' if origin else ''}")
 
 
@@ -171,9 +173,12 @@ def show_trends(runs: tuple[Path, ...], as_json: bool) -> None:
 
 
 @main.command("tasks")
+@click.option(
+    "--tag", "tags", multiple=True, type=click.Choice([*TAGS]), help="Only tasks with this tag; may be given again."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
-def show_tasks(as_json: bool) -> None:
-    """Print the tasks."""
+def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
+    """Print the tasks, with sizes and tags."""
     from porse.tasks import TASKS
 
     rows = [
@@ -184,13 +189,21 @@ def show_tasks(as_json: bool) -> None:
             "family": task.FAMILY,
             "description": task.DESCRIPTION,
             "episode_length": task.EPISODE_LENGTH,
+            "tags": list(TASK_TAGS[name]),
         }
-        for name, task in TASKS.items()
+        # Looking a task up imports its module: only those that are printed.
+        for name, task in ((name, TASKS[name]) for name in TASKS if {*tags} <= {*TASK_TAGS[name]})
     ]
     if as_json:
         click.echo(json.dumps(rows, indent=2))
         return
     for row in rows:
+        tagged = ", ".join(TASK_TAGS[str(row["task"])])
         click.echo(
-            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} {row['description']}"
+            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
+            f"{tagged:20} {row['description']}"
         )
+    if not tags:
+        click.echo()
+        for tag, meaning in TAGS.items():
+            click.echo(f"{tag:11} {meaning}")

@@ -1,7 +1,7 @@
-"""`params.yaml` as frozen dataclasses, with the sets of the method and the ablation laid over it.
+"""`params.yaml` as frozen dataclasses: over the preset of task and size, and under the sets of method and ablation.
 
 What a parameter means is said in `params.yaml` itself, above the key. A section is named after the stage that reads it.
-A stage has a part of the parameters, those that it reads; asking for another one is an error.
+Layers, from the bottom: the preset, which gives what is null; the file's own values; the method's set; the ablation's. A stage has a part of the parameters, those that it reads; asking for another one is an error.
 """
 
 import copy
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from porse.conversion import Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
 from porse.documents import read_yaml
 from porse.errors import ParamsError
-from porse.methods import overridden
+from porse.methods import origins, overridden
+from porse.presets import filled, find_preset, given
 
 MOST_COUNTS = 2**24
 """Counts that a checkpoint holds, 128 MiB: of each environment's cells where counts live for an episode."""
@@ -24,6 +25,9 @@ MOST_STEPS = 2**22
 
 MOST_LAYERS = 16
 """Hidden layers of a network."""
+
+ROOT = Path()
+"""The project's root: commands and stages run there."""
 
 Several = Annotated[int, Range(1, 1000)]
 Few = Annotated[int, Range(0, 1000)]
@@ -182,7 +186,6 @@ class EliminateParams(Section):
     keep: Literal["rungs", "all", "one"]
     score: Literal["mean", "max"]
     window: Positive
-    score: Literal["mean", "max"]
 
 
 @dataclass(frozen=True)
@@ -265,6 +268,7 @@ class Params(Section):
     """All of `params.yaml`."""
 
     task: str
+    size: Literal["cpu", "paper"]
     method: str
     ablation: str
     generator: Literal["model", "grammar", "files"]
@@ -294,17 +298,33 @@ class Params(Section):
         return other
 
 
-def load_params(path: Path) -> Params:
-    """Returns the checked parameters of the file at `path`.
+@dataclass(frozen=True)
+class Resolved:
+    """A parsed `params.yaml` with all layers, unchecked.
+
+    Attributes:
+        document: the values.
+        origins: where each value comes from that is not the file's own, by its dotted name: "preset Over cpu",
+            "method eureka", "ablation fixed-beta".
+        where: names the file, and the preset where one gives values, in errors.
+    """
+
+    document: dict[str, Any]
+    origins: dict[str, str]
+    where: str
+
+
+def load_params(path: Path, root: Path = ROOT) -> Params:
+    """Returns the checked parameters of the file at `path`, with all layers; `root` as for `resolve_document`.
 
     Raises:
         ParamsError: the file is missing, is no YAML mapping, or a parameter is missing, unknown or out of range.
     """
-    return parse_params(load_document(path), str(path))
+    return parse_params(load_document(path), str(path), root)
 
 
 def load_document(path: Path) -> Any:
-    """Returns the parsed `params.yaml` at `path`, unchecked and without the sets of its method and ablation.
+    """Returns the parsed `params.yaml` at `path`, unchecked and without the layers below and above it.
 
     Raises:
         ParamsError: the file is missing or is no YAML.
@@ -317,16 +337,37 @@ def load_document(path: Path) -> Any:
         ) from None
 
 
-def parse_params(document: Any, where: str) -> Params:
-    """Returns the checked parameters of a parsed document; `where` names it in errors.
+def parse_params(document: Any, where: str, root: Path = ROOT) -> Params:
+    """Returns the checked parameters of a parsed document, with all layers; the others as for `resolve_document`.
 
     Raises:
         ParamsError: a parameter is missing, unknown, mistyped or out of range, or two of them contradict each other.
     """
-    laid_over = overridden(document, where) if isinstance(document, dict) else document
-    params: Params = convert(laid_over, Params, "", where)
-    _check_together(params, where)
+    resolved = resolve_document(document, where, root) if isinstance(document, dict) else None
+    params: Params = convert(resolved.document if resolved else document, Params, "", where)
+    _check_together(params, where, resolved.where if resolved else where)
     return params
+
+
+def resolve_document(document: Mapping[str, Any], where: str, root: Path = ROOT) -> Resolved:
+    """Returns a parsed `params.yaml` with all layers.
+
+    Args:
+        document: the parsed file.
+        where: names it in errors.
+        root: the project's root, where the presets are, and the modules of tasks of one's own.
+
+    Raises:
+        ParamsError: task, size, method or ablation is unknown, or the preset is missing or wrong.
+    """
+    preset = find_preset(document, where, root)
+    above = origins(document, where)
+    if preset is None:
+        return Resolved(overridden(document, where), above, where)
+    # Checked by itself, so that an error names the preset's file.
+    convert_part(preset.values, Params, "", preset.where, Section)
+    below = {f"{section}.{key}": preset.origin for section, key in given(document)}
+    return Resolved(overridden(filled(document, preset), where), {**below, **above}, f"{where} over {preset.where}")
 
 
 def parse_part(document: Mapping[str, Any], where: str) -> Params:
@@ -352,8 +393,14 @@ def leaves(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield f"{prefix}{key}", value
 
 
-def _check_together(params: Params, where: str) -> None:
-    """Raises a ParamsError where parameters that are fine by themselves contradict each other."""
+def _check_together(params: Params, where: str, below: str) -> None:
+    """Raises a ParamsError where parameters that are fine by themselves contradict each other.
+
+    Args:
+        params: the parameters.
+        where: names their file.
+        below: names their file and the preset, for those that either may have given.
+    """
     llm, candidate, train = params.llm, params.candidate, params.train
     if llm.profile not in llm.profiles:
         raise ParamsError(wrong("llm.profile", f"one of {', '.join(llm.profiles)}", llm.profile, where))
@@ -373,10 +420,10 @@ def _check_together(params: Params, where: str) -> None:
     batch = train.num_envs * train.steps_per_epoch
     if batch > MOST_STEPS:
         expected = f"at most {MOST_STEPS} divided by train.num_envs = {train.num_envs}"
-        raise ParamsError(wrong("train.steps_per_epoch", expected, train.steps_per_epoch, where))
+        raise ParamsError(wrong("train.steps_per_epoch", expected, train.steps_per_epoch, below))
     if batch % train.minibatches:
         raise ParamsError(
-            wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, where)
+            wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, below)
         )
     _check_rungs(params, where)
     _check_iterations(params, where)

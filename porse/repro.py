@@ -32,7 +32,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
     """
     if not (root / "dvc.yaml").is_file():
         raise PorseError(f"expected dvc.yaml in {root.resolve()}, found none; run from the project's root")
-    params = load_params(root / "params.yaml")
+    params = load_params(root / "params.yaml", root)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
     command = [sys.executable, "-m", "dvc", "repro", *arguments]

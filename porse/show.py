@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from porse.config import Params, load_params
+from porse.config import Params, load_document, parse_params
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 
@@ -61,7 +61,9 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
     shown = make_task(task, 1, SEED)
     actor = random_actor(shown)
     if checkpoint:
-        params = load_params(path)
+        # The networks of a preset are those of the task that is shown, whatever the file's own task is.
+        document = load_document(path)
+        params = parse_params({**document, "task": task} if isinstance(document, dict) else document, str(path))
         actor = policy_actor(shown, _winners(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train)
     if in_viewer:
         view(shown, actor, seconds)

@@ -3,6 +3,8 @@
 No stage's result depends on this file: what a stage depends on is the module that the run's task names (`porse.inputs`).
 """
 
+from pathlib import Path
+
 TASK_CLASSES: dict[str, str] = {
     "Quadcopter": "porse.tasks.quadcopter:Quadcopter",
     "FrankaCabinet": "porse.tasks.franka_cabinet:FrankaCabinet",
@@ -32,10 +34,57 @@ TASK_CLASSES: dict[str, str] = {
 }
 """Each task's class as "module:Class", in the order of docs/tasks.md."""
 
+TAGS: dict[str, str] = {
+    "hands": "two Shadow hands",
+    "locomotion": "a body that walks or runs",
+    "catch": "an object is thrown from hand to hand",
+    "door": "a double door is opened or closed",
+    "table": "what the hands move starts on a table",
+    "easy": "the human reward is known to raise the fitness far above its start in half an hour of one CPU core",
+    "hard": "it is known not to, or the task cannot be solved as the original ships it",
+}
+"""What each tag says. A task that is neither easy nor hard has not been looked at for long enough."""
+
+TASK_TAGS: dict[str, tuple[str, ...]] = {
+    "Quadcopter": ("easy",),
+    "FrankaCabinet": (),
+    "Anymal": ("locomotion", "hard"),
+    "Humanoid": ("locomotion", "hard"),
+    "Over": ("hands", "catch"),
+    "CatchAbreast": ("hands", "catch"),
+    "CatchOver2Underarm": ("hands", "catch", "easy"),
+    "CatchUnderarm": ("hands", "catch"),
+    "TwoCatchUnderarm": ("hands", "catch"),
+    "ReOrientation": ("hands",),
+    "DoorCloseInward": ("hands", "door", "easy"),
+    "DoorCloseOutward": ("hands", "door"),
+    "DoorOpenInward": ("hands", "door"),
+    "DoorOpenOutward": ("hands", "door", "easy"),
+    "Scissors": ("hands", "table", "easy"),
+    "SwingCup": ("hands", "table"),
+    "Switch": ("hands", "table", "hard"),
+    "Kettle": ("hands", "table"),
+    "LiftUnderarm": ("hands", "table"),
+    "Pen": ("hands", "table"),
+    "BottleCap": ("hands",),
+    "GraspAndPlace": ("hands", "table"),
+    "BlockStack": ("hands", "table"),
+    "PushBlock": ("hands", "table"),
+    "SwitchReachable": ("hands", "table"),
+}
+"""Tags of each task: facts about it, by which no result is computed."""
+
 
 def is_own(name: str) -> bool:
     """Returns whether a task's name is of the form "module:Class", which names a task outside the package."""
     return ":" in name
+
+
+def module_file(root: Path, module: str) -> Path:
+    """Returns the file of a module, or of a package, whose dotted name is found from the folder `root`."""
+    base = root.joinpath(*module.split("."))
+    package = base / "__init__.py"
+    return package if package.is_file() else base.with_suffix(".py")
 
 
 def class_name(task: str) -> str:

@@ -37,7 +37,7 @@ def root() -> Path:
 @pytest.fixture(scope="session")
 def params() -> Params:
     """The committed parameters."""
-    return load_params(ROOT / "params.yaml")
+    return load_params(ROOT / "params.yaml", ROOT)
 
 
 @pytest.fixture(scope="session")

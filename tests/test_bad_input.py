@@ -27,7 +27,7 @@ GENERATE = [
 @pytest.fixture
 def project(root, tmp_path, monkeypatch):
     """A folder with the committed files that stages read, and an iteration's start."""
-    for name in ("prompts", "llm_cache", "porse", "stages", "iterations"):
+    for name in ("presets", "prompts", "llm_cache", "porse", "stages", "iterations"):
         shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("params.yaml", "dvc.yaml", "requirements.lock"):
         shutil.copy(root / name, tmp_path)
@@ -71,7 +71,7 @@ def test_the_committed_project_generates_from_its_recorded_replies(project):
         ("seed: 1\n", "", ["parameter seed", "found none"]),
         ("temperature: 1.0", "temperature: 5", ["llm.temperature", "[0, 2]", "5"]),
         ("temperature: 1.0", "temperature: 0.5", ["llm_cache", "iteration 1", "temperature", "porse llm export"]),
-        ("gamma: 0.99", "gamma: [", ["YAML", "params.yaml"]),
+        ("gamma: null", "gamma: [", ["YAML", "params.yaml"]),
     ],
 )
 def test_a_wrong_parameter_stops_the_stage_in_one_paragraph(project, before, after, words):

@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import click
 import pytest
@@ -6,6 +8,7 @@ from click.testing import CliRunner
 
 from porse import tables
 from porse.cli import main
+from porse.task_names import TAGS, TASK_CLASSES, TASK_TAGS
 
 
 def commands(group, prefix=()):
@@ -58,8 +61,8 @@ def test_a_path_is_a_file_or_a_folder_and_the_other_one_is_refused(tmp_path, nam
 
 def test_the_schedule_ends_with_the_sum(root):
     lines = porse("schedule", "--params", str(root / "params.yaml")).output.splitlines()
-    # 5 iterations x 36 H epochs, H = 15
-    assert lines[-1] == f"in all {5 * 36 * 15} epochs of {5 * 6 * 90} allowed"
+    # 5 iterations x 36 H epochs, H = 16
+    assert lines[-1] == f"in all {5 * 36 * 16} epochs of {5 * 6 * 96} allowed"
 
 
 def test_the_methods_are_printed_with_what_they_replace():
@@ -77,7 +80,33 @@ def test_tasks_are_listed_as_json():
     rows = {row["task"]: row for row in json.loads(porse("tasks", "--json").output)}
     assert (rows["Quadcopter"]["observations"], rows["Quadcopter"]["actions"]) == (21, 12)
     assert (rows["Over"]["observations"], rows["Over"]["actions"]) == (398, 40)
-    assert set(rows["Over"]) == {"task", "observations", "actions", "family", "description", "episode_length"}
+    assert set(rows["Over"]) == {"task", "observations", "actions", "family", "description", "episode_length", "tags"}
+    assert rows["DoorOpenOutward"]["tags"] == ["hands", "door", "easy"]
+
+
+def test_every_task_has_tags_that_are_explained():
+    assert set(TASK_TAGS) == set(TASK_CLASSES)
+    assert {tag for tags in TASK_TAGS.values() for tag in tags} == set(TAGS)
+    assert all({"easy", "hard"} - {*tags} for tags in TASK_TAGS.values())
+
+
+def test_tasks_with_several_tags_have_all_of_them():
+    lines = porse("tasks", "--tag", "hands", "--tag", "hard").output.splitlines()
+    # SwitchReachable, which has hands, and Humanoid, which is hard, are others.
+    assert [line.split()[0] for line in lines] == ["Switch"]
+    assert "hands, table, hard" in lines[0]
+    everything = porse("tasks").output
+    assert "BottleCap " in everything
+    assert "\ndoor        a double door is opened or closed\n" in everything
+
+
+def test_only_the_modules_of_the_tasks_that_are_printed_are_imported():
+    code = "import sys; from porse.cli import main; main(['tasks', '--tag', 'locomotion'], standalone_mode=False); "
+    code += "print(sorted(name.split('.')[-1] for name in sys.modules if name.startswith('porse.tasks.')))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert [line.split()[0] for line in said[:-1]] == ["Anymal", "Humanoid"]
+    assert "'humanoid'" in said[-1]
+    assert "'over'" not in said[-1]
 
 
 def test_results_without_a_run_say_what_to_do(tmp_path):

@@ -146,7 +146,7 @@ def test_the_command_prints_requests_tokens_and_cost(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("llm_cache", "prompts"):
+    for name in ("llm_cache", "presets", "prompts"):
         shutil.copytree(root / name, tmp_path / name)
     shutil.copy(root / "params.yaml", tmp_path)
     result = CliRunner().invoke(main, ["llm", "estimate", "--profile", "gpt-4o-mini"])

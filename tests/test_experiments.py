@@ -1,5 +1,7 @@
 """Runs beside the workspace: stages find their Python, and `dvc exp run --temp` works. The stages do nothing."""
 
+import csv
+import io
 import os
 import subprocess
 from pathlib import Path
@@ -88,9 +90,9 @@ def test_an_experiment_beside_the_workspace_runs_and_is_shown(committed):
     done = dvc(committed, "exp", "run", "--temp", "--name", "another", "-S", "seed=7")
     assert "Ran experiment(s): another" in done.stdout
     assert run(committed, "git", "status", "--porcelain").stdout == ""
-    shown = dvc(committed, "exp", "show", "--csv", "--no-pager").stdout.splitlines()
-    column = shown[0].split(",").index("seed")
-    assert [line.split(",")[column] for line in shown if ",another," in line or line.startswith("another,")] == ["7"]
+    # A list is a quoted value of a row.
+    shown = csv.DictReader(io.StringIO(dvc(committed, "exp", "show", "--csv", "--no-pager").stdout))
+    assert [row["seed"] for row in shown if "another" in row["Experiment"]] == ["7"]
     assert "seed" in dvc(committed, "params", "diff", "another").stdout
 
 

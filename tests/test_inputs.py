@@ -21,6 +21,7 @@ from porse.pipeline import check_dependency, check_pipeline, write_pipeline
 from porse.task_names import TASK_CLASSES
 from tiny import COPIED, ROOT, committed_params
 
+CART = "class Cart:\n    EPISODE_LENGTH = 250\n    NUM_OBSERVATIONS = 4\n    NUM_ACTIONS = 1\n"
 TRAININGS = ("train-population", "evaluate")
 
 
@@ -118,7 +119,7 @@ def test_a_task_of_ones_own_brings_all_that_is_in_its_folder(project):
     own = project / "my_tasks"
     own.mkdir()
     try:
-        (own / "cart.py").write_text("from my_tasks import poles\n")
+        (own / "cart.py").write_text(f"from my_tasks import poles\n{CART}")
         (own / "poles.py").write_text("")
         (own / "cart.xml").write_text("<mujoco/>")
         files = inputs_of(project, task="my_tasks.cart:Cart")["train-population"].files
@@ -133,6 +134,34 @@ def test_a_task_of_ones_own_brings_all_that_is_in_its_folder(project):
 def test_a_task_that_is_not_there_is_refused(project, task, says):
     with pytest.raises(ParamsError, match=says):
         inputs_of(project, task=task)
+
+
+@pytest.mark.parametrize("task", ["Quadcopter", "Over"])
+def test_words_in_a_preset_concern_no_stage(project, task):
+    assert concerned(project, f"presets/{task}.yaml") == set()
+
+
+def test_a_number_in_the_presets_of_other_tasks_and_sizes_concerns_no_stage_and_one_in_ones_own_those_that_read_it(
+    project,
+):
+    def after(name: str, before: str, text: str) -> set[str]:
+        path, first = project / "presets" / f"{name}.yaml", inputs_of(project)
+        original = path.read_text()
+        assert before in original
+        path.write_text(original.replace(before, text))
+        changed = {stage for stage, own in inputs_of(project).items() if own != first[stage]}
+        path.write_text(original)
+        return changed
+
+    assert after("Over", "gamma: 0.96", "gamma: 0.9") == set()
+    assert after("Quadcopter", "num_envs: 8192", "num_envs: 4096") == set()
+    assert after("Quadcopter", "    window: 16", "    window: 7") == {"eliminate", "mutate", "fuse", "summarise"}
+
+
+def test_a_stage_is_given_the_presets_values_and_no_null(project):
+    for size, hidden, epochs in (("cpu", [256, 256, 128], 16), ("paper", [512, 256, 128], 500)):
+        train = inputs_of(project, task="DoorOpenInward", size=size)["train-population"].parameters["train"]
+        assert (train["hidden"], train["rung_epochs"], None in train.values()) == (hidden, epochs, False)
 
 
 def test_what_is_named_as_without_a_result_is_there_and_imported(project):
@@ -170,7 +199,7 @@ def test_values_of_a_method_and_of_an_ablation_are_laid_over_the_file(project):
     own = inputs_of(project, method="eureka", ablation="weights-sum-to-1")
     assert own["eliminate"].parameters == {
         "numerics": "portable",
-        "eliminate": {"keep": "all", "window": 15, "score": "max"},
+        "eliminate": {"keep": "all", "window": 16, "score": "max"},
     }
     assert own["train-population"].parameters["candidate"] == {"goal": "generated", "bonus": "none", "scale": 1.0}
 
@@ -311,7 +340,7 @@ def test_parameters_that_are_written_are_read_as_the_same(project):
 def test_the_pipeline_follows_the_parameters(tmp_path):
     (tmp_path / "iterations").mkdir()
     shutil.copy(ROOT / "iterations" / "dvc.yaml.jinja", tmp_path / "iterations")
-    params = load_params(ROOT / "params.yaml")
+    params = load_params(ROOT / "params.yaml", ROOT)
     assert write_pipeline(tmp_path, params) == [f"iterations/{n}/dvc.yaml: written" for n in range(1, 6)]
     assert write_pipeline(tmp_path, params) == []
     check_pipeline(tmp_path, params)
@@ -337,9 +366,9 @@ def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):
     assert done.output.splitlines() == [
         'numerics: "portable"',
         'eliminate.keep: "all"  # method eureka',
-        "eliminate.window: 15",
         'eliminate.score: "max"  # method eureka',
+        "eliminate.window: 16  # preset Quadcopter cpu",
     ]
     everything = CliRunner().invoke(main, ["params", "--params", str(changed)], catch_exceptions=False).output
     assert "candidate.scale: 1.0  # method eureka\n" in everything
-    assert json.loads(everything.split("train.hidden: ")[1].splitlines()[0]) == [64, 64]
+    assert json.loads(everything.split("train.hidden: ")[1].split("  # ")[0]) == [64, 64]

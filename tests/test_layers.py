@@ -15,6 +15,7 @@ from porse.pipeline import check_pipeline
 LAYERS: list[set[str]] = [
     {"errors", "identity", "processes", "task_names", "variables"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
+    {"presets"},
     {"config"},
     {"inputs", "numerics", "prompts", "pool"},
     {"stage", "pipeline", "warm"},
@@ -37,6 +38,7 @@ MAY_NOT: dict[str, set[str]] = {
     "training": {"porse.llm", "porse.generation", "porse.functions.read"},
     "tasks": {"porse.llm", "porse.functions"},
     "functions": {"porse.llm", "porse.tasks", "porse.sim"},
+    "presets": {"torch", "mujoco", "porse.tasks"},
     "errors": {"torch", "mujoco", "pyarrow", "numpy", "yaml", "click"},
     "identity": {"torch", "mujoco", "pyarrow", "numpy", "yaml", "click"},
     "tables": {"torch", "mujoco"},

@@ -62,7 +62,7 @@ def prompts():
     from porse.generation.values import alpha_question, beta_question
     from porse.search.feedback import STAGED, WEIGHED, series_of, shown_series
 
-    params = load_params(ROOT / "params.yaml")
+    params = load_params(ROOT / "params.yaml", ROOT)
     found = {
         f"{kind}-{name}": conversation(brief, kind, 0)
         for name, brief in briefs().items()

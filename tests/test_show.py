@@ -13,9 +13,11 @@ import pytest
 
 from porse import show
 from porse.checkpoint import write_checkpoint
+from porse.config import parse_params
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 from porse.training.start import random_policy
+from tiny import committed_params
 
 RUN = """
 import json, sys
@@ -34,8 +36,12 @@ drawn = pytest.mark.skipif(RENDERER is None, reason="needs EGL or OSMesa: instal
 def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, str]]]:
     """Returns a folder and, for each file written into it, the exit code and the output of its command."""
     folder = tmp_path_factory.mktemp("shown")
+    # Commands run in the project's root.
+    (folder / "presets").symlink_to(root / "presets")
     write_checkpoint(folder / "policy.safetensors", random_policy(params, 1))
     write_checkpoint(policy_file(folder / "run" / "result" / "start", BEST), random_policy(params, 1))
+    pen = parse_params({**committed_params(), "task": "Pen"}, "params.yaml")
+    write_checkpoint(folder / "pen.safetensors", random_policy(pen, 1))
     policy = ["--checkpoint", "policy.safetensors", "--params", str(root / "params.yaml"), "--seconds", "0.4"]
     commands = {
         "over.png": ["render", "Over", "--out", "over.png"],
@@ -44,6 +50,15 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
         "Quadcopter.gif": ["play", "Quadcopter", *policy],
         "pen.gif": ["play", "Pen", "--out", "pen.gif", "--seconds", "0.2"],
         "pen_by_policy.gif": ["play", "Pen", "--out", "pen_by_policy.gif", *policy],
+        "pen_by_its_own.gif": [
+            "play",
+            "Pen",
+            "--out",
+            "pen_by_its_own.gif",
+            "--checkpoint",
+            "pen.safetensors",
+            *policy[2:],
+        ],
         "of_run.gif": ["play", "Quadcopter", "--out", "of_run.gif", "--checkpoint", "run", *policy[2:]],
         "of_no_run.gif": ["play", "Quadcopter", "--out", "of_no_run.gif", "--checkpoint", ".", *policy[2:]],
         "pen.webp": ["render", "Pen", "--out", "pen.webp"],
@@ -124,6 +139,13 @@ def test_a_policy_of_another_task_is_refused(shown):
     code, said = results["pen_by_policy.gif"]
     assert code == 1
     assert "expected the networks of params.yaml (train.hidden) and of the task" in said
+
+
+@drawn
+def test_a_policy_has_the_networks_of_the_task_that_is_shown(shown):
+    # The file of parameters is of Quadcopter, whose preset has 64-64; that of Pen has 256-256-128.
+    _, results = shown
+    assert results["pen_by_its_own.gif"] == (0, "pen_by_its_own.gif: Pen, 0.4 s\n")
 
 
 @drawn

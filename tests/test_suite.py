@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -142,7 +143,7 @@ def test_overrides_merge_mappings_and_replace_everything_else():
 def project(tmp_path) -> Path:
     """A project of three tracked files: its parameters, its stages, and the code of one of them."""
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(tiny.committed_params()))
-    (tmp_path / "dvc.yaml").write_text("stages: {a: {cmd: x, deps: [code, run/start]}}")
+    (tmp_path / "dvc.yaml").write_text("stages: {a: {cmd: x, deps: [code, presets, run/start]}}")
     (tmp_path / "iterations" / "1").mkdir(parents=True)
     (tmp_path / "iterations" / "1" / "dvc.yaml").write_text("of an entry")
     (tmp_path / "iterations" / "1" / "dvc.lock").write_text("of an entry")
@@ -151,6 +152,9 @@ def project(tmp_path) -> Path:
     (tmp_path / "README.md").write_text("text")
     (tmp_path / "llm_cache").mkdir()
     (tmp_path / "llm_cache" / "reply.json").write_text("{}")
+    (tmp_path / "presets").mkdir()
+    for task in ("Quadcopter", "Over", "SwingCup", "Kettle"):
+        shutil.copy(tiny.ROOT / "presets" / f"{task}.yaml", tmp_path / "presets")
     tiny.run(tmp_path, "git", "init", "-q")
     tiny.run(tmp_path, "git", "add", "-A")
     return tmp_path
@@ -160,7 +164,8 @@ def test_the_code_is_what_stages_depend_on_as_it_is_now(project):
     def code() -> str:
         return code_id(project, tracked_files(project))
 
-    assert tracked_files(project) == ["README.md", "code/a.py", "dvc.yaml"]
+    presets = [f"presets/{task}.yaml" for task in ("Kettle", "Over", "Quadcopter", "SwingCup")]
+    assert tracked_files(project) == ["README.md", "code/a.py", "dvc.yaml", *presets]
     before = code()
     (project / "README.md").write_text("other text")
     (project / "code" / "scratch.py").write_text("not tracked")
@@ -193,6 +198,20 @@ def test_an_entry_has_the_values_of_the_file_the_suite_and_itself(project):
     rest = [{key: value for key, value in each.params["train"].items() if key != "gamma"} for each in (first, second)]
     assert canonical_json(rest[0]) == canonical_json(rest[1])
     assert first.ids["params"] != second.ids["params"]
+
+
+def test_a_preset_is_a_value_of_the_entries_of_its_task_alone(project):
+    suite = parse_suite({**PLAIN, "tasks": ["Quadcopter", "Over"]}, "a.yaml")
+
+    def ids() -> list[dict[str, str]]:
+        code = code_id(project, tracked_files(project))
+        return [entry.ids for entry in resolve(suite, project, code, "a.yaml")]
+
+    before, path = ids(), project / "presets" / "Over.yaml"
+    path.write_text(path.read_text().replace("gamma: 0.96", "gamma: 0.9"))
+    after = ids()
+    assert after[0] == before[0]
+    assert (after[1]["params"] != before[1]["params"], after[1]["code"]) == (True, before[1]["code"])
 
 
 def test_overrides_that_make_no_parameters_name_the_entry(project):

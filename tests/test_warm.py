@@ -46,7 +46,7 @@ def row(name: str, slot: int) -> dict:
 def project(root, small, tmp_path_factory) -> Path:
     """A copy of what stages need, with tiny parameters, trainings without an end, and a pool of two."""
     folder = tmp_path_factory.mktemp("warm") / "a project"
-    for name in ("porse", "stages", "prompts", "llm_cache"):
+    for name in ("porse", "stages", "presets", "prompts", "llm_cache"):
         shutil.copytree(root / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(root / "requirements.lock", folder)
     params = yaml.safe_load((root / "params.yaml").read_text())

@@ -16,7 +16,7 @@ from porse.pipeline import write_pipeline
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 COPIED = (
-    "porse", "stages", "prompts", "functions", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore",
+    "porse", "stages", "prompts", "presets", "functions", "dvc.yaml", "requirements.lock", ".dvcignore", ".gitignore",
     "iterations/dvc.yaml.jinja",
 )  # fmt: skip
 QUIET = {"DVC_NO_ANALYTICS": "1", "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull}
@@ -37,7 +37,7 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
             (project / name).parent.mkdir(exist_ok=True)
             shutil.copy(source, project / name)
     (project / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
-    write_pipeline(project, load_params(project / "params.yaml"))
+    write_pipeline(project, load_params(project / "params.yaml", project))
     (project / "llm_cache").mkdir()
     (project / "llm_cache" / "refreshed.txt").touch()
     (project / ".venv").symlink_to(venv)

@@ -18,7 +18,7 @@ from samples import MAPPING, REWARD, program  # noqa: E402
 
 
 def main(start: str, finish: str, until: str, num_envs: str) -> None:
-    params = load_params(ROOT / "params.yaml")
+    params = load_params(ROOT / "params.yaml", ROOT)
     train = dataclasses.replace(params.train, num_envs=int(num_envs))
     job = Job("one", program(REWARD), program(MAPPING), 1.0, Path(start), Path(finish), int(until), 7)
     outcome = train_candidate(job, dataclasses.replace(params, train=train), lambda epoch, fitness: None)

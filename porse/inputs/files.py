@@ -1,6 +1,5 @@
 """The files that a stage's result depends on, each with its SHA-256, and which of them have changed."""
 
-import difflib
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,7 +7,8 @@ from pathlib import Path
 from porse.errors import ParamsError
 from porse.inputs.imports import imported_files
 from porse.inputs.stages import NO_RESULT, PACKAGES, Stage
-from porse.task_names import TASK_CLASSES, class_name, is_own
+from porse.presets import check_task_name
+from porse.task_names import class_name, is_own, module_file
 
 _IGNORED = frozenset({"__pycache__"})
 _TASK_NAMES = "porse/task_names.py"
@@ -42,14 +42,9 @@ def task_files(root: Path, task: str) -> set[Path]:
     Raises:
         ParamsError: no task has that name, or the module of one's own is not there.
     """
-    if not is_own(task) and task not in TASK_CLASSES:
-        near = difflib.get_close_matches(task, TASK_CLASSES, n=3) or sorted(TASK_CLASSES)
-        raise ParamsError(
-            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in params.yaml; the nearest "
-            f"names are {', '.join(near)}"
-        )
+    check_task_name(task, "params.yaml")
     module = class_name(task).partition(":")[0]
-    file = _module_file(root, module)
+    file = module_file(root, module)
     if not file.is_file():
         raise ParamsError(
             f"expected the module of task {task!r} at {file}, found no such file; mend its name or add it"
@@ -66,13 +61,7 @@ def changed_files(root: Path, files: Mapping[str, str]) -> list[str]:
 
 
 def _imported(root: Path, module: str, *packages: str) -> set[Path]:
-    return imported_files(root, _module_file(root, module), frozenset(packages), frozenset({root / _TASK_NAMES}))
-
-
-def _module_file(root: Path, module: str) -> Path:
-    base = root.joinpath(*module.split("."))
-    package = base / "__init__.py"
-    return package if package.is_file() else base.with_suffix(".py")
+    return imported_files(root, module_file(root, module), frozenset(packages), frozenset({root / _TASK_NAMES}))
 
 
 def _below(path: Path) -> set[Path]:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from porse.config import Params, parse_params, parse_part
+from porse.config import Params, parse_params, parse_part, resolve_document
 from porse.errors import ParamsError
 from porse.inputs.files import changed_files, stage_files
 from porse.inputs.stages import STAGES, Stage
-from porse.methods import overridden
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,8 @@ def resolve_inputs(root: Path, document: Any, where: str) -> dict[str, Inputs]:
     Raises:
         ParamsError: a parameter is wrong, or the task's module is not there.
     """
-    params = parse_params(document, where)
-    resolved = overridden(document, where)
+    params = parse_params(document, where, root)
+    resolved = resolve_document(document, where, root).document
     return {
         name: Inputs(
             _part(resolved, stage.parameters), stage_files(root, stage, params.task, _own_files(stage, params))

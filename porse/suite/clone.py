@@ -62,7 +62,7 @@ def fill_clone(work: Path, files: Sequence[str], source: Path, root: Path, param
         (work / name).symlink_to(root / name)
     path = work / "params.yaml"
     path.write_text(render_yaml(params), encoding="utf-8")
-    write_pipeline(work, load_params(path))
+    write_pipeline(work, load_params(path, work))
 
 
 def _call(where: Path, *command: str) -> str:

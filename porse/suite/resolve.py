@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from porse.config import load_document, parse_params
+from porse.config import load_document, parse_params, resolve_document
 from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.identity import content_id
-from porse.methods import overridden
 from porse.pipeline import FOLDER as ITERATIONS
+from porse.presets import FOLDER as PRESETS
 from porse.suite.plan import Entry, Suite
 
 REPLIES = "llm_cache"
@@ -51,17 +51,18 @@ def resolve(suite: Suite, root: Path, code: str, where: str) -> list[Resolved]:
     """
     path = root / "params.yaml"
     document = load_document(path)
-    parse_params(document, str(path))
-    return [_resolve(entry, laid_over(document, suite.overrides), code, where) for entry in suite.entries]
+    parse_params(document, str(path), root)
+    return [_resolve(entry, laid_over(document, suite.overrides), root, code, where) for entry in suite.entries]
 
 
-def _resolve(entry: Entry, document: Mapping[str, Any], code: str, where: str) -> Resolved:
+def _resolve(entry: Entry, document: Mapping[str, Any], root: Path, code: str, where: str) -> Resolved:
     chosen = {"task": entry.task, "method": entry.method, "ablation": entry.ablation, "seed": entry.seed}
     params = {**laid_over(document, entry.overrides), **chosen}
     source = f"params.yaml with the overrides of {entry.name} in {where}"
-    parse_params(params, source)
-    # The sets of the method and of the ablation are values too: an edited one makes another run.
-    return Resolved(entry, params, {"params": content_id("suite-params", overridden(params, source)), "code": code})
+    parse_params(params, source, root)
+    # The preset and the sets of the method and of the ablation are values too: an edited one makes another run.
+    values = resolve_document(params, source, root).document
+    return Resolved(entry, params, {"params": content_id("suite-params", values), "code": code})
 
 
 def laid_over(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,7 +96,8 @@ def code_id(root: Path, files: Sequence[str]) -> str:
     """Returns the content id of `dvc.yaml`, of those files that it names as `deps`, or that are below one.
 
     The template of the iterations' `dvc.yaml` counts, too; those files themselves follow from it and the parameters.
-    What no stage depends on, such as documentation, is no part of it. Neither are recorded replies: an entry that is
+    What no stage depends on, such as documentation, is no part of it. Neither are presets: their values are in the id of an
+    entry's parameters, and those of another task concern it no more. Neither are recorded replies: an entry that is
     done had all of its own, and recording those of the next entry changes nothing for it.
 
     Raises:
@@ -106,7 +108,7 @@ def code_id(root: Path, files: Sequence[str]) -> str:
             f"expected dvc.yaml among the tracked files of {root}, found none; run from the project's root"
         )
     stages = read_yaml(root / "dvc.yaml")["stages"].values()
-    deps = {dep for stage in stages for dep in stage["deps"]} | {"dvc.yaml", ITERATIONS}
+    deps = {dep for stage in stages for dep in stage["deps"]} - {PRESETS} | {"dvc.yaml", ITERATIONS}
     names = [name for name in files if _below(name, deps)]
     hashes = {name: hashlib.sha256((root / name).read_bytes()).hexdigest() for name in names}
     return content_id("suite-code", hashes)
