@@ -340,5 +340,5 @@ def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):
         "eliminate.window: 15",
     ]
     everything = CliRunner().invoke(main, ["params", "--params", str(changed)], catch_exceptions=False).output
-    assert "candidate.scale: 1.0  # method eureka\n" in everything
+    assert "candidate.scale: 1.0  # method human\n" in everything
     assert json.loads(everything.split("train.hidden: ")[1].splitlines()[0]) == [64, 64]
