@@ -358,8 +358,8 @@ def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):
 
     from porse.cli import main
 
-    changed = project / "eureka.yaml"
-    changed.write_text((project / "params.yaml").read_text().replace("method: porse", "method: eureka"))
+    changed = project / "human.yaml"
+    changed.write_text((project / "params.yaml").read_text().replace("method: porse", "method: human"))
     done = CliRunner().invoke(
         main, ["params", "--params", str(changed), "--stage", "eliminate"], catch_exceptions=False
     )

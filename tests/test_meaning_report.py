@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from meaning_cases import changed, row_of
+from meaning_cases import changed, named, row_of
 from porse import tables
+from porse.checkpoint import write_checkpoint
 from porse.config import Lengths, Reference, leaves, parse_params
 from porse.generation.candidates import first_pool
 from porse.generation.functions import Function
@@ -27,8 +28,13 @@ from porse.report.markdown import results_table
 from porse.report.run import Evaluation, Run
 from porse.report.summary import iteration_rows, metrics, write_summary
 from porse.search.schedule import asked_kinds, mutants, varied
+from porse.steps.evaluate import _episodes, _said
+from porse.tasks import make_task
 from porse.training import candidate as candidate_module
+from porse.training.actor import policy_actor
+from porse.training.episodes import play_episodes
 from porse.training.rung import job_for
+from porse.training.start import random_policy
 from tiny import committed_params
 
 
@@ -455,3 +461,36 @@ def test_what_is_fixed_is_never_varied():
     ):
         params = resolved(ablation=ablation)
         assert [varied(params, n) for n in range(1, 6) if mutants(params, n)] == kinds
+
+
+# The step that evaluates.
+
+
+def test_an_evaluation_says_which_seeds_failed_and_that_all_did():
+    chain = [candidate(1, 0, "a"), candidate(2, 0, "b"), candidate(3, 0, "c")]
+    fine, late = {"seed": 1, "links": 3, "failure": ""}, {"seed": 2, "links": 1, "failure": "its reward was not finite"}
+    assert _said(chain, [fine]) == ["3 links of the winning lineage, 1 further seeds"]
+    assert _said(chain, [fine, late]) == [
+        "3 links of the winning lineage, 2 further seeds, 1 of them failed",
+        "seed 2 failed after 1 links: its reward was not finite",
+    ]
+    assert (
+        _said(chain, [late])[0]
+        == "3 links of the winning lineage, 1 further seeds: all of them failed, there is no evaluation"
+    )
+
+
+def test_the_runs_winner_plays_as_it_was_when_it_won_on_a_task_of_the_runs_own_seed(small, tmp_path):
+    chosen = changed(dataclasses.replace(small, seed=5), evaluate={"episodes": 3}, fuse={"pool": "eliminate-late"})
+    # It won iteration 2, and stayed in the third.
+    winner = candidate(2, 0, "w", policy="own")
+    path = tmp_path / "2" / "eliminate-late" / "policies" / "own.safetensors"
+    write_checkpoint(path, random_policy(chosen, 1))
+    rows = _episodes(chosen, winner, tmp_path)
+    task = make_task("Quadcopter", 3, named('[5,"episodes"]'))
+    played = play_episodes(task, policy_actor(task, path, chosen.train))
+    assert [(row["episode"], row["candidate_id"]) for row in rows] == [(0, "w"), (1, "w"), (2, "w")]
+    assert [(row["steps"], row["outcome"]) for row in rows] == [(each.steps, each.outcome) for each in played]
+    assert len({row["outcome"] for row in rows}) == 3
+    # nothing is drawn: again gives the same bits
+    assert _episodes(chosen, winner, tmp_path) == rows
