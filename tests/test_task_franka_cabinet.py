@@ -96,12 +96,12 @@ def test_actions_move_the_targets() -> None:
 
 
 def test_a_drive_pushes_with_its_limit_whatever_its_damping_says() -> None:
-    """A wrist joint that is 0.3 rad from its target gets 12 N m, though it turns toward it at 0.4 rad/s.
+    """A wrist joint that is 0.4 rad from its target gets 12 N m, though it turns toward it at 0.4 rad/s.
 
     A damping of 80 beside the drive would leave 12 - 32 N m.
     """
     task = opened(0.0)
-    task._targets[0, 4] = task._physics.qpos[0, 4] + 0.3
+    task._targets[0, 4] = task._physics.qpos[0, 4] + 0.4
     task._physics.qvel[0, 4] = 0.4
     task._act()
     physics = task._physics

@@ -14,6 +14,9 @@ JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE
 STIFFNESS = 85.0
 DAMPING = 2.0
 EFFORT = 80.0
+FASTEST = 20.0
+"""Highest speed (rad/s) of a joint, by the robot's description."""
+
 
 _XML = """
 <mujoco model="Anymal">
