@@ -25,6 +25,9 @@ from porse.tasks.base import Task
 
 COLUMNS = ("task", "quantity", "published", "ours", "low", "high", "holds")
 ENVS = 64
+STILL = 8
+"""Environments of zero action, whose episodes differ by their starts alone."""
+
 SPREAD = 0.8
 RETURN = 1.5
 """Factor within which a return agrees."""
@@ -124,7 +127,7 @@ def calibration_rows(name: str) -> list[Row]:
     """Returns the rows of one task."""
     published = PUBLISHED.get(name, Published())
     played = first_episodes(task := make_task(name, ENVS, seed=0), random_actions(task))
-    still = first_episodes(task := make_task(name, ENVS, seed=0), zero_actions(task))
+    still = first_episodes(task := make_task(name, STILL, seed=0), zero_actions(task))
     within = "" if published.within is None else f"_within_{published.within}"
     return [
         _row(name, f"random_return{within}", published.returns, played.mean_return(published.within), RETURN),

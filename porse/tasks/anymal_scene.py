@@ -24,6 +24,7 @@ _XML = """
   <option integrator="implicitfast"/>
   <default>
     <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.005 1" rgba="0.3 0.3 0.35 1"/>
+    <joint solreflimit="0.005 1" solimplimit="0.95 0.99 0.001"/>
     <site group="4" rgba="1 0 0 0"/>
     <position kp="{stiffness}" kv="{damping}" forcerange="-{effort} {effort}"/>
   </default>
