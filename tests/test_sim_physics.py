@@ -113,6 +113,14 @@ def test_several_dragged_steps_are_so_many_single_ones(physics: CpuPhysics) -> N
     assert torch.equal(physics.read("xpos"), places)
 
 
+def test_a_step_begins_at_the_highest_speed_at_most(physics: CpuPhysics) -> None:
+    """A bound of 2 m/s on x: -5 m/s is -2 after a step; on z gravity adds its 0.0981 m/s to the bound of 3."""
+    physics.fastest = torch.tensor([2.0, torch.inf, 3.0, torch.inf, torch.inf, torch.inf], dtype=torch.float64)
+    physics.qvel[0, :3] = torch.tensor([-5.0, 5.0, -4.0], dtype=torch.float64)
+    physics.advance(1)
+    assert physics.qvel[0, :3].tolist() == pytest.approx([-2.0, 5.0, -3.0981])
+
+
 def test_the_same_drag_as_an_implicit_damping() -> None:
     """c = 100 at 1/120 s is c' = 600 there: (1 - 100/120) (v + F dt / m) = (v + F dt / m) / (1 + 600/120)."""
     dt = 1 / 120
