@@ -6,6 +6,9 @@ import mujoco
 import pytest
 import torch
 
+from porse.errors import TaskError
+from porse.sim.drag import implicit_rate, kept_share
+from porse.sim.drives import Drive
 from porse.sim.physics import CpuPhysics
 
 BALL = """
@@ -77,3 +80,70 @@ def test_a_state_is_a_copy_and_continues_exactly(physics: CpuPhysics) -> None:
     physics.load_state(saved)
     physics.advance(5)
     assert torch.equal(physics.state(), first)
+
+
+def test_a_dragged_ball_moves_as_the_formula_says(physics: CpuPhysics) -> None:
+    """c = 30 and dt = 0.01 keep 0.7 of a velocity: 2 kg from 3 m/s under 8 N, v' = 0.7 (v + 0.04), is 2.128 then 1.5176.
+
+    The other degrees of freedom keep all of theirs.
+    """
+    share = kept_share(30.0, 0.01)
+    assert share == pytest.approx(0.7)
+    physics.kept = torch.tensor([share, 1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
+    physics.qvel[0, 0], physics.qvel[0, 1] = 3.0, 5.0
+    physics.force[0, 1, 0] = share * 8.0
+    physics.advance(1)
+    assert float(physics.qvel[0, 0]) == pytest.approx(2.128)
+    physics.advance(1)
+    assert float(physics.qvel[0, 0]) == pytest.approx(1.5176)
+    assert float(physics.qvel[0, 1]) == pytest.approx(5.0)
+
+
+def test_several_dragged_steps_are_so_many_single_ones(physics: CpuPhysics) -> None:
+    """Three steps at once and one after the other end alike, bit for bit, derived fields included."""
+    physics.kept = torch.tensor([0.7, 0.9, 1.0, 0.5, 1.0, 1.0], dtype=torch.float64)
+    physics.qvel[:] = torch.tensor([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], dtype=torch.float64)
+    saved = physics.state()
+    physics.advance(3)
+    at_once, places = physics.state(), physics.read("xpos")
+    physics.load_state(saved)
+    for _ in range(3):
+        physics.advance(1)
+    assert torch.equal(physics.state(), at_once)
+    assert torch.equal(physics.read("xpos"), places)
+
+
+def test_a_step_begins_at_the_highest_speed_at_most(physics: CpuPhysics) -> None:
+    """A bound of 2 m/s on x: -5 m/s is -2 after a step; on z gravity adds its 0.0981 m/s to the bound of 3."""
+    physics.fastest = torch.tensor([2.0, torch.inf, 3.0, torch.inf, torch.inf, torch.inf], dtype=torch.float64)
+    physics.qvel[0, :3] = torch.tensor([-5.0, 5.0, -4.0], dtype=torch.float64)
+    physics.advance(1)
+    assert physics.qvel[0, :3].tolist() == pytest.approx([-2.0, 5.0, -3.0981])
+
+
+def test_the_same_drag_as_an_implicit_damping() -> None:
+    """c = 100 at 1/120 s is c' = 600 there: (1 - 100/120) (v + F dt / m) = (v + F dt / m) / (1 + 600/120)."""
+    dt = 1 / 120
+    assert implicit_rate(100.0, dt) == pytest.approx(600.0)
+    damped = BALL.replace('<freejoint name="ball"/>', f'<joint type="slide" axis="1 0 0" damping="{600.0 * 2}"/>')
+    model = mujoco.MjModel.from_xml_string(damped.replace('timestep="0.01"', f'timestep="{dt}" gravity="0 0 0"'))
+    data = mujoco.MjData(model)
+    data.qvel[0], data.qfrc_applied[0] = 3.0, 800.0
+    mujoco.mj_step(model, data)
+    assert float(data.qvel[0]) == pytest.approx(kept_share(100.0, dt) * (3.0 + 800.0 * dt / 2))
+
+
+def test_a_drag_that_turns_a_link_back_is_refused() -> None:
+    with pytest.raises(TaskError, match=r"would keep -0\.2 "):
+        kept_share(120.0, 0.01)
+
+
+def test_explicit_gains_do_in_a_step_what_the_implicit_drive_does() -> None:
+    """k = 400, d = 80, I = 0.1, dt = 0.01, from rest and 0.05 rad away: 0.1 v = 0.01 (400 (0.05 - 0.01 v) - 80 v).
+
+    So v = 0.2 / 0.94; and the lead at which it turns at 2 rad/s is (80 / 400 + 0.01) 2.
+    """
+    drive = Drive(stiffness=400.0, damping=80.0, limit=12.0, fastest=2.0).explicit(0.1, 0.01)
+    assert drive.stiffness * 0.05 * 0.01 / 0.1 == pytest.approx(0.2 / 0.94)
+    assert drive.lead == pytest.approx(0.42)
+    assert (drive.limit, drive.fastest) == (12.0, 2.0)

@@ -1,8 +1,10 @@
 """FrankaCabinet: kinematics, reward and success by numbers that a pencil finds."""
 
+import mujoco
 import pytest
 import torch
 
+from porse.sim.physics import CpuPhysics
 from porse.tasks.franka_cabinet import LOWER, START, UPPER, FrankaCabinet
 
 
@@ -87,16 +89,49 @@ def test_a_finger_behind_the_handle_costs_everything() -> None:
 def test_actions_move_the_targets() -> None:
     """One step of 1: 7.5 / 60 rad for the arm, a tenth of it for the fingers, within the limits."""
     task = FrankaCabinet(1, 0, 1)
-    task._physics.ctrl[0] = START.double()
+    task._targets[0] = START.double()
     task.step(torch.ones(1, 9))
     expected = torch.minimum(START + torch.tensor([0.125] * 7 + [0.0125] * 2), UPPER)
-    assert torch.allclose(task._physics.ctrl[0].float(), expected)
+    assert torch.allclose(task._targets[0].float(), expected)
+
+
+def test_a_drive_pushes_with_its_limit_whatever_its_damping_says() -> None:
+    """A wrist joint that is 0.4 rad from its target gets 12 N m, though it turns toward it at 0.4 rad/s.
+
+    A damping of 80 beside the drive would leave 12 - 32 N m.
+    """
+    task = opened(0.0)
+    task._targets[0, 4] = task._physics.qpos[0, 4] + 0.4
+    task._physics.qvel[0, 4] = 0.4
+    task._act()
+    physics = task._physics
+    assert isinstance(physics, CpuPhysics)
+    data = mujoco.MjData(physics.model)
+    physics._batch.get_data(0, data)
+    mujoco.mj_forward(physics.model, data)
+    assert data.qfrc_actuator[4] == pytest.approx(12.0)
+    assert data.qfrc_damper[4] == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_arm_reaches_the_speeds_of_the_robot_and_no_more(sign: float) -> None:
+    """Targets that run ahead at 7.5 rad/s: after a third of a second joint 1 turns at 2.175, joint 7 at 2.61 rad/s."""
+    task = FrankaCabinet(1, 0, 1)
+    actions = torch.zeros(1, 9)
+    for joint in (0, 6):
+        fresh = actions.clone()
+        fresh[0, joint] = sign
+        task.reset(torch.ones(1, dtype=torch.bool))
+        for _ in range(20):
+            task.step(fresh)
+        limit = 2.175 if joint < 4 else 2.61
+        assert float(task.franka_dof_vel[0, joint]) == pytest.approx(sign * limit, rel=0.05)
 
 
 def test_the_drawer_opens_when_it_is_pulled() -> None:
     """30 N against a damping of 10 N s/m and 8 kg for two seconds: up to the stop at 0.4 m, the arm turned away."""
     task = opened(0.0)
-    task._physics.qpos[0, 0] = task._physics.ctrl[0, 0] = -1.5
+    task._physics.qpos[0, 0] = task._targets[0, 0] = -1.5
     body = task._physics.model.body("drawer_top").id
     task._physics.force[0, body, 0] = 30.0
     for _ in range(120):

@@ -344,14 +344,17 @@ def test_human_reward_of_lift_underarm() -> None:
 
 
 def test_a_push_moves_the_hand_at_the_speed_that_the_drag_allows() -> None:
-    """833 N for an action of 1 against 501 N s/m: 1.66 m/s along the pushed axis; the other hand stays."""
+    """An action of 1 is 833.5 N, 1.386 m/s in a physics step for 5.011 kg; of its velocity a hand keeps 1 - 0.8335.
+
+    So v = 0.1665 (v + 1.386), 0.277 m/s along the pushed axis; the other hand stays.
+    """
     task = free_hands("DoorOpenInward")
     actions = torch.zeros(1, 52)
     actions[0, 2] = 1.0
-    for _ in range(12):
+    for _ in range(30):
         task.step(actions)
     speeds = [float(task._physics.qvel[0, int(task._physics.model.joint(f"right/base_{a}").dofadr[0])]) for a in "xyz"]
-    assert speeds == pytest.approx([0.0, 0.0, 1.66], abs=0.1)
+    assert speeds == pytest.approx([0.0, 0.0, 0.277], abs=0.01)
     assert float(task.root_state_tensor[0, 1, 7:10].abs().max()) < 0.1
 
 
@@ -374,7 +377,7 @@ def test_the_bottle_rests_in_the_palm_for_a_while() -> None:
 
 
 def test_forearms_that_are_pushed_together_with_full_force_do_not_enter_each_other() -> None:
-    """Side by side, each pushed toward the other with 833 N, at up to 3.3 m/s: they end a little under 3 cm apart."""
+    """Side by side, each pushed toward the other with 833 N, at up to 0.56 m/s: they end a little under 6 mm apart."""
     task = make_task("SwitchReachable", 1, seed=0)
     physics = task._physics
     assert isinstance(physics, CpuPhysics)
@@ -383,10 +386,10 @@ def test_forearms_that_are_pushed_together_with_full_force_do_not_enter_each_oth
     push = torch.zeros(1, 52)
     push[0, 1], push[0, 26 + 1] = -1.0, 1.0
     gaps: list[float] = []
-    for _ in range(20):
+    for _ in range(90):
         task.step(push)
         physics._batch.get_data(0, data)
         mujoco.mj_fwdPosition(physics.model, data)
         gaps += [float(c.dist) for c in data.contact if set(c.geom.tolist()) == forearms]
     assert min(gaps) > 0.0
-    assert gaps[-1] == pytest.approx(0.03, abs=0.001)
+    assert gaps[-1] == pytest.approx(0.006, abs=0.0005)

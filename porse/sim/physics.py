@@ -42,6 +42,7 @@ class Physics(ABC):
         mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, float64, live.
         kept: the share of its velocity that each degree of freedom keeps when a step begins, `(nv,)`, float64, or None
             where nothing is dragged (see `porse.sim.drag`). Outer forces are for whoever writes them to scale.
+        fastest: the highest speed with which each degree of freedom begins a step, `(nv,)`, float64, or None for no bound.
     """
 
     model: mujoco.MjModel
@@ -53,6 +54,7 @@ class Physics(ABC):
     mocap_pos: Tensor
     mocap_quat: Tensor
     kept: Tensor | None = None
+    fastest: Tensor | None = None
 
     @abstractmethod
     def advance(self, substeps: int) -> Tensor:
@@ -118,11 +120,14 @@ class CpuPhysics(Physics):
     def advance(self, substeps: int) -> Tensor:
         """See `Physics.advance`."""
         raised: list[int] = []
-        if self.kept is None:
+        if self.kept is None and self.fastest is None:
             raised += self._step(substeps, self._stage)
         else:
             for left in reversed(range(substeps)):
-                self.qvel *= self.kept
+                if self.kept is not None:
+                    self.qvel *= self.kept
+                if self.fastest is not None:
+                    torch.clamp(self.qvel, -self.fastest, self.fastest, out=self.qvel)
                 raised += self._step(1, mujoco.mjtStage.mjSTAGE_NONE.value if left else self._stage)
         # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
         warning = self._batch.warning

@@ -14,6 +14,9 @@ JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE
 STIFFNESS = 85.0
 DAMPING = 2.0
 EFFORT = 80.0
+FASTEST = 20.0
+"""Highest speed (rad/s) of a joint, by the robot's description."""
+
 
 _XML = """
 <mujoco model="Anymal">
@@ -21,6 +24,7 @@ _XML = """
   <option integrator="implicitfast"/>
   <default>
     <geom contype="1" conaffinity="2" friction="1 0.005 0.0001" solref="0.005 1" rgba="0.3 0.3 0.35 1"/>
+    <joint solreflimit="0.005 1" solimplimit="0.95 0.99 0.001"/>
     <site group="4" rgba="1 0 0 0"/>
     <position kp="{stiffness}" kv="{damping}" forcerange="-{effort} {effort}"/>
   </default>

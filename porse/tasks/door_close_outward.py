@@ -1,7 +1,7 @@
 """DoorCloseOutward: catch the handles of two panels that stand open away from the hands, and pull them shut.
 
-Departure: the panels start at rest; the original starts them at 1.57 rad/s into their stops, and MuJoCo's stops would
-give that speed back.
+As in the original, the panels start at 1.57 rad/s into their stops, which give back little of it: left alone, they stay
+open.
 """
 
 from typing import ClassVar

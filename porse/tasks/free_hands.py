@@ -1,6 +1,6 @@
 """The base of the two-hand tasks whose hands move as wholes: palm and finger points, handles, and their observations.
 
-A force and a torque act on each forearm, and a strong drag slows the hand (see `shadow`). A handle is a point that
+A force and a torque act on each forearm, and a strong drag slows the hand (see `porse.sim.drag`). A handle is a point that
 moves with a body; rewards are about the distances between it and the fingertips.
 """
 

@@ -41,20 +41,51 @@ departure, the task says so.
   two joints of a finger are coupled by a limited tendon (the original: a soft spring on that limit).
 - Actions of fixed hands: 20 joint targets for the right hand, 20 for the left, -1 and 1 the joint's limits. Of free
   hands: 3 forces, 3 torques and 20 joint targets for each; forces and torques act on the forearm, in the world frame.
-- Free hands move against a drag of 100 times their mass per second, as the original's link damping does; here it acts
-  at the hand's centre of mass.
+- Links of free hands have the original's damping of 100 1/s, those of fixed hands 0.01 1/s (see *How things move*).
 - Force and torque sensors sit at the last finger links; joint torques are the sum of actuator, passive and constraint
   torques. Both are of the last physics step, and zero at an episode's start.
 - Objects that the originals start inside a table start on it, where the original's solver pushes them at once.
 - Contacts: elliptic friction cone, conjugate gradients. With MuJoCo's defaults, fingers pressed between two bodies
   sometimes shot away. An object's friction is the mean of the original's pair, as PhysX combines them.
-- Forearms are held off from the other hand 3 cm before they touch: two hands under full force close by 2.8 cm in one
+- Forearms are held off from the other hand 6 mm before they touch: two hands under full force close by 4.6 mm in one
   physics step.
 - The joint springs that the originals set on doors, pen and bottle are off, as their drive mode says; hinges and slides
   have a little friction instead.
 - Start noise that would leave a joint's range is cut off at the range.
 - Rockers, lids and the like start every episode in the same place; Switch and Kettle of the original leave them where
   they are.
+
+## How things move
+
+- **Drag.** PhysX multiplies a damped link's velocity once a physics step, between outer forces and contacts:
+  v' = (1 - c dt) (v + F dt / m). With c = 100 1/s and dt = 0.008335 s a hand keeps a sixth of its velocity, and an action
+  of 1 (833 N) moves it at 0.28 m/s. All links of a hand have one c, for linear and angular velocity, and the velocities of
+  links are linear in those of joints: so the velocities of the hand's joints, those of its fingers too, and the forces and
+  torques of the action are multiplied by 1 - c dt before each step; contacts and drives are not. The same motion of a free
+  body by MuJoCo's implicit damping, v' = (v + F dt / m) / (1 + c' dt), takes c' = c / (1 - c dt): 600 1/s, not 100. The
+  form is fitted to the published early training of the originals, which it reproduces and c' = 100 does not
+  ([calibration](calibration.csv)); it is not read from PhysX's code.
+- **Drives.** The force limit holds for stiffness and damping together, as in PhysX. The Panda's wrist has explicit gains
+  that do in a step what an implicit drive does, since with MuJoCo's own it would jerk by 0.9 rad/s in every step; its
+  fingers' damping stands beside the drive, whose limit their highest lead cannot exceed.
+- **Highest speeds.** The Panda's targets lead its joints by no more than drives them at the robot's 2.175, 2.61 rad/s and
+  0.2 m/s; blows can still turn its wrist faster. The quadruped's joints begin a physics step at 20 rad/s at most and end
+  it at up to 25. Doors (100), pen (1 m/s) and Shadow Hand (none) never come near their bounds.
+- **Not known.** Whether PhysX scales the damping as above in all versions; whether a force acts in both physics steps of a
+  control step (here: yes) or in the first; whether the originals' objects have Isaac Gym's default damping (here: none);
+  whether joint springs of doors, pen and bottle act (here: no). The humanoid's link damping of 0.01 1/s is left out.
+
+## Calibration
+
+```sh
+python -m porse.report.calibration docs/calibration.csv
+```
+
+writes [calibration.csv](calibration.csv): return and shortest episode of random actions N(0, 0.8), clipped, and of zero
+action, for all tasks. Where the originals' first training figures are published, it says whether ours agree: a return
+within a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated; that is
+all of Quadcopter, FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen
+and PushBlock, and zero action everywhere.
 """
 
 
