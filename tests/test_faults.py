@@ -69,7 +69,7 @@ FAULTS = {
         r"its fitness was not finite in 100\.0% of the values, in epoch 2$", "fitness"
     ),
     "a reward that is not finite": Fault(
-        r"its reward was not finite in 100\.0% of the environments \(components: late\), in epoch 2$", reward=NOT_FINITE
+        r"its reward was not finite in 50\.0% of the epoch's states \(components: late\), in epoch 2$", reward=NOT_FINITE
     ),
     "a reward that raises": Fault(r"its function raised in training: .*, in epoch 2$", reward=RAISES),
     "a reward beyond measure": Fault(
