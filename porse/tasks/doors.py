@@ -77,6 +77,7 @@ class DoorTask(HandleTask):
         EULER: orientation of the door.
         OPENS: whether success is an open door (else a closed one).
         CONSTANT: constant of the human reward.
+        GOAL_LIFT: height (m) of the goal above the door.
     """
 
     NUM_OBSERVATIONS: ClassVar[int] = 417
@@ -87,7 +88,7 @@ class DoorTask(HandleTask):
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the door"),
-        *goal_variables("goal", "the goal (the door's own place)"),
+        *goal_variables("goal", "the goal (high above the door's own place)"),
         *point_variables("door_left_handle", "the handle for the left hand"),
         *point_variables("door_right_handle", "the handle for the right hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -99,6 +100,7 @@ class DoorTask(HandleTask):
     EULER: ClassVar[objects.Vector]
     OPENS: ClassVar[bool]
     CONSTANT: ClassVar[float] = 2.0
+    GOAL_LIFT: ClassVar[float] = objects.LIFT
     LOST: ClassVar[float] = 1.5
 
     door_left_handle_pos: Tensor
@@ -108,7 +110,7 @@ class DoorTask(HandleTask):
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the door and its goal."""
         add_door(spec, cls.EULER)
-        objects.add_goal(spec, (0.0, 0.0, 0.7), cls.EULER)
+        objects.add_goal(spec, (0.0, 0.0, 0.7), cls.EULER, lift=cls.GOAL_LIFT)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the door, its handles."""

@@ -22,6 +22,9 @@ LINK_EULER: Vector = (math.pi / 2, 0.0, -math.pi / 2)
 SPIN_INERTIA = 2e-5
 """Inertia (kg m2) added to free objects: slim ones would otherwise spin up without bound between two fingers."""
 
+LIFT = 10.0
+"""Height (m) by which most originals lift a goal that says nothing, above its object's own place."""
+
 HAND_BIT = 1
 OBJECT_BIT = 8
 
@@ -39,10 +42,11 @@ def add_table(spec: mujoco.MjSpec, size: Vector, x: float = 0.0, y: float = 0.0,
 
 
 def add_goal(
-    spec: mujoco.MjSpec, position: Vector, euler: Vector = (0.0, 0.0, 0.0), name: str = "goal"
+    spec: mujoco.MjSpec, position: Vector, euler: Vector = (0.0, 0.0, 0.0), name: str = "goal", lift: float = 0.0
 ) -> mujoco.MjsBody:
-    """Adds a goal pose: a body that touches nothing and that only a task moves."""
-    goal = spec.worldbody.add_body(name=name, mocap=True, pos=position, quat=shadow.quaternion_of(euler))
+    """Adds a goal pose, `lift` (m) above a position: a body that touches nothing and that only a task moves."""
+    x, y, z = position
+    goal = spec.worldbody.add_body(name=name, mocap=True, pos=[x, y, z + lift], quat=shadow.quaternion_of(euler))
     goal.add_site(name=name, size=[0.015, 0.015, 0.015], rgba=[0.2, 0.8, 0.3, 0.6])
     return goal
 

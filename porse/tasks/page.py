@@ -130,6 +130,8 @@ def _section(task: type[Task]) -> str:
     lines.append("| --- | --- | --- | --- | --- |")
     for v in task.VARIABLES:
         shape = "num_envs" + "".join(f" x {n}" for n in v.shape) if v.kind == "tensor" else v.kind
+        if v.kind == "tuple":
+            shape = f"tuple of {v.shape[0]}"
         lines.append(f"| `{v.name}` | {shape} | {v.unit} | {v.frame} | {v.meaning} |")
     return "\n".join([*lines, "", "</details>", ""])
 

@@ -12,7 +12,13 @@ from torch import Tensor
 from porse.tasks import objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, point_variables
+from porse.tasks.hand_variables import (
+    body_variables,
+    free_hand_variables,
+    goal_states_variable,
+    point_variables,
+    root_variable,
+)
 from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
@@ -36,7 +42,7 @@ class PushBlock(HandleTask):
     TIME_LIMIT: ClassVar[int] = 125
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "left_goal", "right_goal", "table")
     ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"),)
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "right_goal"))
     HANDLES: ClassVar[tuple[Handle, ...]] = (
         Handle("block_right_handle", "object"),
         Handle("block_left_handle", "block"),
@@ -52,7 +58,9 @@ class PushBlock(HandleTask):
         *point_variables("block_left_handle", "the left cube"),
         *point_variables("left_goal", "the goal of the left cube"),
         *point_variables("right_goal", "the goal of the right cube"),
+        goal_states_variable("the goal of the right cube"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
+        root_variable("block_indices", "the left cube"),
     )
 
     block_right_handle_pos: Tensor

@@ -19,6 +19,9 @@ FRICTION = 0.75
 ALIGNED = 0.785
 """Angle (rad) from the goal orientation below which the cup counts as turned."""
 
+GOAL_LIFT = 1.0
+"""Height (m) of the goal above the cup's start; only its orientation counts."""
+
 DROPPED = 0.3
 START_HEIGHT = 0.685
 """The cup stands on the table; the original's starts 8 cm inside it and is pushed out."""
@@ -46,7 +49,7 @@ class SwingCup(HandleTask):
     LEFT_HANDLE: ClassVar[str] = "cup_left_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the cup"),
-        *goal_variables("goal", "the goal: the cup turned by half a turn"),
+        *goal_variables("goal", "the goal: the cup turned by half a turn, 1 m above its start; only the turn counts"),
         *point_variables("cup_right_handle", "the handle for the right hand"),
         *point_variables("cup_left_handle", "the handle for the left hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -68,7 +71,7 @@ class SwingCup(HandleTask):
         objects.add_rod(lid, "lid", (0.0, 0.071, 0.0), (0.0, 0.082, 0.0), 0.045, 0.05, FRICTION)
         handle = objects.add_link(base, "link_2")
         objects.add_box(handle, "right_handle", (-0.012, -0.05, -0.073), (0.012, 0.05, -0.04), 0.04, FRICTION)
-        objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (0.0, 0.0, 1.5 * math.pi))
+        objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (0.0, 0.0, 1.5 * math.pi), lift=GOAL_LIFT)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the cup, its handles."""

@@ -53,7 +53,7 @@ class Switch(HandleTask):
     LEFT_HANDLE: ClassVar[str] = "switch_left_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right switch"),
-        *goal_variables("goal", "the goal (the right switch's own place)"),
+        *goal_variables("goal", "the goal (10 m above the right switch's own place)"),
         *point_variables("switch_right_handle", "the rocker for the right hand"),
         *point_variables("switch_left_handle", "the rocker for the left hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -68,7 +68,7 @@ class Switch(HandleTask):
         objects.add_table(spec, (0.5, 1.0, 0.55))
         add_switch(spec, "object", 0.2)
         add_switch(spec, "other", -0.2)
-        objects.add_goal(spec, (0.0, 0.2, 0.65), (math.pi, 1.57, 0.0))
+        objects.add_goal(spec, (0.0, 0.2, 0.65), (math.pi, 1.57, 0.0), lift=objects.LIFT)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the right switch, both rockers."""
