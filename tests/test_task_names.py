@@ -150,7 +150,7 @@ def mapping_function(self):
 @pytest.mark.parametrize("name", HANDS)
 def test_a_mapping_written_for_the_original_reads_the_same_numbers(name):
     task, values = played(name)
-    found = compile_mapping(MAPPING, TASKS[name].VARIABLES, True, values)(values)
+    found, _, _ = compile_mapping(MAPPING, TASKS[name].VARIABLES, True, values)(values)
     body = values["rigid_body_states"][:, 52 + task.OBJECT_BODIES.index("object")]
     distance = torch.norm(body[:, 0:3] - values["goal_states"][:, 0:3], dim=-1)
     reach = torch.norm(values["fingertip_pos"] - body[:, None, 0:3], dim=-1).mean(dim=-1)

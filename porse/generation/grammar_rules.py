@@ -18,7 +18,9 @@ Role = Literal["robot", "goal", "still", "object"]
 Quantity = Literal["position", "rotation", "velocity", "spin"]
 
 _GOAL = frozenset(("goal", "target"))
-_STILL = frozenset(("targets", "default", "limits", "lower", "upper", "gravity", "start", "commands", "prev"))
+_STILL = frozenset(
+    ("targets", "default", "limits", "lower", "upper", "gravity", "start", "commands", "prev", "local", "basis")
+)
 """What never moves, or means nothing alone. `targets` of Humanoid is a kilometre away: no distance to it is of use."""
 _ROBOT = frozenset(("root", "dof", "franka", "shadow", "fingertip"))
 """First words of a robot's own variables; any name with the word `hand` is one too."""
