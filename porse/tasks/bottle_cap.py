@@ -11,7 +11,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import FreeHandTask, Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
@@ -85,6 +85,7 @@ class BottleCap(FreeHandTask):
         cap.add_joint(name="screw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], damping=1e-3, armature=1e-4)
         objects.add_rod(cap, "cap", (-0.007, 0.139, -0.0075), (-0.007, 0.15, -0.0075), 0.013, 0.0026, FRICTION)
         objects.add_goal(spec, (0.0, -0.6, 0.5), (0.0, -0.7, 0.0), lift=GOAL_LIFT)
+        dress.dress_bottle(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 422)`: two hands, the bottle, its cap, two zeros."""

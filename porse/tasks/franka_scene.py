@@ -7,6 +7,8 @@ original (0.205 kg each) are part of the drawer here: loose, they would be most 
 
 import mujoco
 
+from porse.tasks import looks
+
 PROP_MASS = 0.205
 PROP_SPACING = 0.09
 PROP_SIZE = 0.04
@@ -148,4 +150,5 @@ def franka_scene() -> mujoco.MjSpec:
                 pos=[PROP_SPACING * (i - 1.5), PROP_SPACING * (j - 1.5), 0.0], rgba=[0.3, 0.5, 0.8, 1],
                 contype=0, conaffinity=0,
             )  # fmt: skip
+    looks.surround(spec, centre=(0.4, 0.0, 0.5))
     return spec

@@ -6,7 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import (
@@ -67,6 +67,7 @@ class GraspAndPlace(HandleTask):
         objects.add_tub(tub, "bucket", (-0.057, -0.053, -0.057), (0.057, 0.0445, 0.057), 0.008, up=1, mass=0.2)
         objects.add_block(spec, "block", (0.0, -0.2, 0.625))
         objects.add_goal(spec, (0.0, 0.2, 0.654), lift=objects.LIFT)
+        dress.dress_bucket(spec, "link_1")
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 425)`: two hands, the bucket, then bucket and cube as handles."""

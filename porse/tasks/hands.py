@@ -14,7 +14,7 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
-from porse.tasks import shadow
+from porse.tasks import looks, shadow
 from porse.tasks.hand_observations import JOINT_RANGES
 from porse.tasks.success import SuccessTask
 
@@ -106,6 +106,7 @@ class TwoHandTask(SuccessTask):
         shadow.add_hand(spec, "left", cls.LEFT, cls.FREE)
         shadow.hold_off_forearms(spec)
         cls.add_objects(spec)
+        looks.surround(spec)
         return spec
 
     @classmethod

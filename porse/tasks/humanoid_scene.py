@@ -6,6 +6,8 @@ are those of the Isaac Gym task.
 
 import mujoco
 
+from porse.tasks import looks
+
 _XML = """
 <mujoco model="Humanoid">
   <compiler angle="degree" autolimits="true"/>
@@ -106,4 +108,6 @@ def humanoid_scene() -> mujoco.MjSpec:
     motors = "".join(
         f'<motor name="{joint}" joint="{joint}" gear="{gear}"/>' for joint, gear in zip(JOINTS, GEARS, strict=True)
     )
-    return mujoco.MjSpec.from_string(_XML.format(legs=legs, arms=arms, motors=motors))
+    spec = mujoco.MjSpec.from_string(_XML.format(legs=legs, arms=arms, motors=motors))
+    looks.surround(spec)
+    return spec

@@ -11,7 +11,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -90,6 +90,8 @@ class Kettle(HandleTask):
                 rgba=[0.2, 0.4, 0.9, 1],
             )  # fmt: skip
         objects.add_goal(spec, (0.0, 0.0, 0.5), (0.0, 0.0, 1.57), lift=objects.LIFT)
+        dress.dress_kettle(spec)
+        dress.dress_bucket(spec, "bucket_link_1")
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the kettle, its handle, the bucket."""

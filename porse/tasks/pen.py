@@ -6,7 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -62,6 +62,7 @@ class Pen(HandleTask):
         objects.add_slide(cap, "cap", (0.0, -1.0, 0.0), (0.0, 0.492), damping=0.5, friction=0.1)
         objects.add_box(cap, "cap", (-0.0115, -0.172, -0.018), (0.0115, -0.041, 0.018), 0.03)
         objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (1.57, 1.57, 0.0), lift=objects.LIFT)
+        dress.dress_pen(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the pen, its ends."""

@@ -6,7 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -74,6 +74,7 @@ class Scissors(HandleTask):
         _add_half(moving, "link_0", side=-1)
         objects.add_hinge(moving, "scissors", (0.0, 1.0, 0.0), (-0.5969, 0.4), damping=0.02, friction=0.01)
         objects.add_goal(spec, (0.0, 0.0, 0.607), (0.0, 0.0, 1.57), lift=objects.LIFT)
+        dress.dress_scissors(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the scissors, their handles."""

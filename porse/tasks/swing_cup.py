@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -72,6 +72,7 @@ class SwingCup(HandleTask):
         handle = objects.add_link(base, "link_2")
         objects.add_box(handle, "right_handle", (-0.012, -0.05, -0.073), (0.012, 0.05, -0.04), 0.04, FRICTION)
         objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (0.0, 0.0, 1.5 * math.pi), lift=GOAL_LIFT)
+        dress.dress_cup(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the cup, its handles."""
