@@ -22,7 +22,7 @@ WHITE: Colour = (0.93, 0.93, 0.9, 1.0)
 BLUE: Colour = (0.16, 0.38, 0.72, 1.0)
 RED: Colour = (0.76, 0.2, 0.17, 1.0)
 ORANGE: Colour = (0.95, 0.55, 0.13, 1.0)
-GREEN: Colour = (0.2, 0.55, 0.35, 1.0)
+GREEN: Colour = (0.22, 0.62, 0.4, 1.0)
 
 HIDDEN = 3
 """Group of geoms that collide and are not seen."""
@@ -31,6 +31,9 @@ _SEEN = 1
 _SIDES = 24
 """Corners of a circle."""
 
+_TEXELS = 16
+_CUBE_SIDES = ((214, 63, 52), (242, 145, 36), (247, 206, 70), (72, 158, 92), (58, 116, 196), (142, 88, 168))
+_CUBE_EDGE = (240, 240, 236)
 _SKY, _HORIZON = (0.36, 0.55, 0.78), (0.86, 0.91, 0.96)
 _TILES = ((0.62, 0.65, 0.68), (0.56, 0.59, 0.63), (0.5, 0.53, 0.57))
 _TILE_SIZE = 1.0
@@ -59,16 +62,32 @@ def surround(spec: mujoco.MjSpec, extent: float = 2.0, centre: Point = (0.0, 0.0
     floor.material, floor.rgba = "tiles", [1.0, 1.0, 1.0, 1.0]
     floor.size = [0.0, 0.0, 0.1]  # seen without an end; a plane has none in the physics either
     light = spec.light("light")
-    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    light.dir = [-0.45, 0.3, -1.0]
-    light.diffuse, light.specular = [0.6, 0.6, 0.58], [0.25, 0.25, 0.25]
+    # A spot light: the renderer speckles an endless floor with shadows of its own under a directional one.
+    light.pos = [centre[0] + 1.0, centre[1] - 0.8, 4.5]
+    light.dir, light.cutoff, light.exponent = [-0.25, 0.2, -1.0], 75.0, 2.0
+    light.diffuse, light.specular = [0.45, 0.45, 0.43], [0.2, 0.2, 0.2]
     visual = spec.visual
-    visual.headlight.ambient, visual.headlight.diffuse = [0.32, 0.33, 0.35], [0.3, 0.3, 0.3]
+    visual.headlight.ambient, visual.headlight.diffuse = [0.5, 0.51, 0.53], [0.3, 0.3, 0.3]
     visual.headlight.specular = [0.05, 0.05, 0.05]
     visual.rgba.haze = [*_HORIZON, 1.0]
     visual.quality.shadowsize = 4096
     visual.map.znear = 0.01
     spec.stat.extent, spec.stat.center = extent, centre
+
+
+def add_cube_material(spec: mujoco.MjSpec) -> None:
+    """Adds the material "cube", whose six sides have colours of their own, once."""
+    if spec.material("cube") is not None:
+        return
+    sides = np.empty((6, _TEXELS, _TEXELS, 3), np.uint8)
+    for side, colour in enumerate(_CUBE_SIDES):
+        sides[side] = _CUBE_EDGE
+        sides[side, 1:-1, 1:-1] = colour
+    spec.add_texture(
+        name="cube", type=mujoco.mjtTexture.mjTEXTURE_CUBE, width=_TEXELS, height=6 * _TEXELS, nchannel=3,
+        data=sides.ravel().tolist(),
+    )  # fmt: skip
+    spec.add_material(name="cube").textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "cube"
 
 
 def look(body: mujoco.MjsBody, name: str, mesh: str, colour: Colour, place: Point = (0.0, 0.0, 0.0)) -> None:

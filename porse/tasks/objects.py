@@ -12,7 +12,7 @@ import math
 
 import mujoco
 
-from porse.tasks import shadow
+from porse.tasks import looks, shadow
 
 Vector = tuple[float, float, float]
 
@@ -28,16 +28,13 @@ LIFT = 10.0
 HAND_BIT = 1
 OBJECT_BIT = 8
 
-_WOOD = (0.6, 0.45, 0.3, 1.0)
-_STEEL = (0.55, 0.6, 0.65, 1.0)
-
 
 def add_table(spec: mujoco.MjSpec, size: Vector, x: float = 0.0, y: float = 0.0, friction: float = 1.0) -> None:
     """Adds a fixed table: a box of the given full size (m) that stands on the floor."""
     table = spec.worldbody.add_body(name="table", pos=[x, y, size[2] / 2])
     table.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[s / 2 for s in size], friction=[friction, 0.005, 0.0001],
-        contype=0, conaffinity=HAND_BIT | OBJECT_BIT, rgba=_WOOD,
+        contype=0, conaffinity=HAND_BIT | OBJECT_BIT, rgba=looks.WOOD,
     )  # fmt: skip
 
 
@@ -95,7 +92,7 @@ def add_rod(
     body.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end], size=[radius, 0, 0], mass=mass,
         friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
-        rgba=_STEEL,
+        rgba=looks.STEEL,
     )  # fmt: skip
 
 
@@ -124,6 +121,8 @@ def add_block(
     block = add_base(spec, name, position)
     half = (0.025, 0.025, 0.025)
     add_box(block, name, (-0.025, -0.025, -0.025), half, 0.0709, friction, meets_objects)
+    looks.add_cube_material(spec)
+    spec.geom(name).material, spec.geom(name).rgba = "cube", [1.0, 1.0, 1.0, 1.0]
 
 
 def add_hinge(
@@ -159,5 +158,5 @@ def _add(
     """Adds a geom that hands, tables and the floor meet."""
     body.add_geom(
         name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM,
-        condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=_STEEL,
+        condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=looks.STEEL,
     )  # fmt: skip

@@ -76,6 +76,10 @@ class PushBlock(HandleTask):
         objects.add_block(spec, "block", (0.0, -0.2, 0.625), FRICTION)
         objects.add_goal(spec, LEFT_GOAL, name="left_goal")
         objects.add_goal(spec, RIGHT_GOAL, name="right_goal")
+        for name in ("left_goal", "right_goal"):
+            site = spec.site(name)
+            site.type, site.size, site.material = mujoco.mjtGeom.mjGEOM_BOX, [0.025, 0.025, 0.025], "cube"
+            site.rgba = [1.0, 1.0, 1.0, 0.4]
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 428)`: two hands, the right cube, both cubes, both goals, five zeros."""

@@ -64,7 +64,7 @@ class ReOrientation(PairTask):
             goal = objects.add_goal(spec, (start[0], start[1], start[2] - GOAL_DROP), name=f"goal{word}")
             goal.add_geom(
                 name=f"goal{word}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025] * 3, contype=0, conaffinity=0,
-                rgba=[0.3, 0.8, 0.4, 0.4],
+                material="cube", rgba=[1.0, 1.0, 1.0, 0.45],
             )  # fmt: skip
 
     def _prepare(self) -> None:
