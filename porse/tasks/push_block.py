@@ -1,6 +1,7 @@
 """PushBlock: each hand pushes its cube to a goal.
 
-As in the original, an episode in which the left cube arrives first is worth a half for good.
+As in the original, an episode in which the left cube arrives first is worth a half for good. `goal_states` is the state of the
+right cube's goal, since `object_pos` is the right cube; what it holds in the original is not known.
 """
 
 from typing import ClassVar

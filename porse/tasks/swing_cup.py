@@ -1,4 +1,8 @@
-"""SwingCup: two hands hold a cup by its two handles and turn it around."""
+"""SwingCup: two hands hold a cup by its two handles and turn it around.
+
+The originals have two configurations. These are Eureka's numbers, as in the paper's pipeline: 150 steps, a turn that is worth
+1, forces of 833 N (transition scale 0.5). Those of Bi-DexHands are 300 steps, 5 and 167 N (0.1).
+"""
 
 import math
 from typing import ClassVar
