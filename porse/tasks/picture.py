@@ -74,15 +74,20 @@ def camera(task: Task, width: int, height: int) -> Iterator[Callable[[], Pixels]
         def take() -> Pixels:
             first_simulation(task, data)
             mujoco.mj_forward(model, data)
-            if task.NAME in FOLLOWED:
-                (body, shares), (place, distance, *_) = FOLLOWED[task.NAME], VIEWS[task.NAME]
-                way = data.body(body).xpos - np.array(place)
-                view.lookat[:] = place + np.array(shares) * way
-                view.distance = distance + float(np.linalg.norm((1.0 - np.array(shares)) * way))
+            follow(task.NAME, data, view)
             renderer.update_scene(data, view)
             return renderer.render()
 
         yield take
+
+
+def follow(name: str, data: mujoco.MjData, view: mujoco.MjvCamera) -> None:
+    """Turns the camera of a task of `FOLLOWED` to where its body is; others stay as they are."""
+    if name in FOLLOWED:
+        (body, shares), (place, distance, *_) = FOLLOWED[name], VIEWS[name]
+        way = data.body(body).xpos - np.array(place)
+        view.lookat[:] = place + np.array(shares) * way
+        view.distance = distance + float(np.linalg.norm((1.0 - np.array(shares)) * way))
 
 
 def first_simulation(task: Task, data: mujoco.MjData | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
