@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import imageio.v3 as imageio
 import torch
+from PIL import Image
 from torch import Tensor
 
 from porse.checkpoint import read_checkpoint
@@ -17,6 +17,7 @@ from porse.training.snapshot import load_policy
 from porse.training.vecenv import observation_groups
 
 WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25
+COLOURS = 128
 SEED = 0
 
 Actor = Callable[[Tensor], Tensor]
@@ -52,7 +53,10 @@ def write_gif(path: Path, task: Task, actor: Actor, seconds: float) -> None:
     every = max(1, round(1.0 / (FRAMES_PER_SECOND * task.control_dt)))
     with camera(task, WIDTH, HEIGHT) as take:
         frames = [take(), *(take() for step in _steps(task, actor, seconds) if step % every == every - 1)]
-    imageio.imwrite(path, frames, duration=1000.0 * every * task.control_dt, loop=0)
+    # One palette for all frames and no dithering: what stands still is then equal in all of them, and costs nothing.
+    palette = Image.fromarray(frames[0]).quantize(COLOURS, dither=Image.Dither.NONE)
+    first, *others = (Image.fromarray(f).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
+    first.save(path, save_all=True, append_images=others, duration=round(1000.0 * every * task.control_dt), loop=0)
 
 
 def view(task: Task, actor: Actor, seconds: float) -> None:
