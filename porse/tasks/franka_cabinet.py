@@ -1,8 +1,7 @@
 """FrankaCabinet: a Panda arm pulls the top drawer of a cabinet open.
 
 After the Isaac Gym task of that name. Departures: the finger drives have stiffness 5 000 instead of 1e6, which this
-time step cannot carry; joints of arm and fingers have an armature of 0.1 (kg m2, kg), of
-which the original says nothing; the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes
+time step cannot carry; the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes
 ride with the drawer (see `franka_scene`).
 """
 
