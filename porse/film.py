@@ -4,14 +4,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import imageio.v3 as imageio
 import torch
+from PIL import Image
 
 from porse.tasks.base import Task
 from porse.tasks.picture import camera, first_simulation
 from porse.training.actor import Actor
 
 WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25
+COLOURS = 128
 SEED = 0
 
 
@@ -35,7 +36,10 @@ def write_gif(path: Path, task: Task, actor: Actor, seconds: float) -> None:
     every = max(1, round(1.0 / (FRAMES_PER_SECOND * task.control_dt)))
     with camera(task, WIDTH, HEIGHT) as take:
         frames = [take(), *(take() for step in _steps(task, actor, seconds) if step % every == every - 1)]
-    imageio.imwrite(path, frames, duration=1000.0 * every * task.control_dt, loop=0)
+    # One palette for all frames and no dithering: what stands still is then equal in all of them, and costs nothing.
+    palette = Image.fromarray(frames[0]).quantize(COLOURS, dither=Image.Dither.NONE)
+    first, *others = (Image.fromarray(f).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
+    first.save(path, save_all=True, append_images=others, duration=round(1000.0 * every * task.control_dt), loop=0)
 
 
 def view(task: Task, actor: Actor, seconds: float) -> None:

@@ -6,7 +6,7 @@ The tasks declare them, the checker of generated code allows exactly them, and t
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["tensor", "int", "float", "device"]
+Kind = Literal["tensor", "int", "float", "tuple", "device"]
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,8 @@ class Variable:
     Attributes:
         name: the name, as in the original environment.
         kind: "tensor" is a float32 or int64 tensor whose first dimension is num_envs; the others are plain values, which
-            stay what they are while the task lives: shapes of results may hang on them.
-        shape: the tensor's shape without its first dimension, `()` for one number an environment.
+            stay what they are while the task lives: shapes of results may hang on them. "tuple" is one of ints.
+        shape: the tensor's shape without its first dimension, `()` for one number an environment; a tuple's length.
         unit: SI unit, "1" when it has none.
         frame: "world", "body", "joint" or "-".
         meaning: one line for people and for the prompt.

@@ -37,12 +37,12 @@ VARIABLES = [
 def values(rows: int = 16, variables: Sequence[Variable] = VARIABLES, seed: int = 0) -> dict[str, Any]:
     """Returns states drawn at random: uniform in (-1, 1), unit quaternions for shape (4,), counts for `steps`."""
     generator = torch.Generator().manual_seed(seed)
-    plain = {"int": 2, "float": 0.5, "device": torch.device("cpu")}
+    plain: dict[str, Any] = {"int": 2, "float": 0.5, "device": torch.device("cpu")}
     drawn: dict[str, Any] = {}
     for v in variables:
         tensor = 2.0 * torch.rand(rows, *v.shape, generator=generator) - 1.0
         unit = tensor / torch.linalg.vector_norm(tensor, dim=-1, keepdim=True) if v.shape == (4,) else tensor
-        drawn[v.name] = plain.get(v.kind, unit)
+        drawn[v.name] = tuple(range(v.shape[0])) if v.kind == "tuple" else plain.get(v.kind, unit)
     for name in ("steps", "progress_buf"):
         if name in drawn:
             drawn[name] = torch.arange(rows)

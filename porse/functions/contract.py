@@ -34,6 +34,13 @@ HELPERS: dict[str, str] = {
 }
 """Helpers that exist without being defined, with the line that prompts print."""
 
+ROOT_INDICES = words("object_indices object_another_indices block_indices")
+"""Variables that say which column of `root_state_tensor` (num_envs, actors, 13) an actor has.
+
+The original's roots are one array of all environments' actors, and its code reads `root_state_tensor[object_indices, 0:3]`.
+Such an index in the first place means that column in every environment: as if `[:, object_indices, 0:3]` were written.
+"""
+
 MAX_REPLY_CHARACTERS = 200_000
 MAX_SOURCE_LINES = 600
 MAX_TREE_NODES = 20_000

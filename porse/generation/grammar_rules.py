@@ -18,7 +18,9 @@ Role = Literal["robot", "goal", "still", "object"]
 Quantity = Literal["position", "rotation", "velocity", "spin"]
 
 _GOAL = frozenset(("goal", "target"))
-_STILL = frozenset(("targets", "default", "limits", "lower", "upper", "gravity", "start", "commands", "prev"))
+_STILL = frozenset(
+    ("targets", "default", "limits", "lower", "upper", "gravity", "start", "commands", "prev", "local", "basis")
+)
 """What never moves, or means nothing alone. `targets` of Humanoid is a kilometre away: no distance to it is of use."""
 _ROBOT = frozenset(("root", "dof", "franka", "shadow", "fingertip"))
 """First words of a robot's own variables; any name with the word `hand` is one too."""
@@ -135,7 +137,8 @@ def _parts(variable: Variable) -> Iterator[_Part]:
         yield _Part(_WHOLE[shape, variable.unit], variable, name, 0)
     elif len(shape) == 2 and shape[1] == 3 and variable.unit == "m":
         yield _Part("position", variable, f"{name}.mean(dim=1)", 0)
-    elif shape == (13,) and variable.unit == _STATE_UNIT:
+    elif shape == (13,) and variable.unit == _STATE_UNIT and role(variable) != "goal":
+        # The state of a goal says again what its position and rotation say.
         for quantity, start, end in _STATE:
             yield _Part(quantity, variable, f"{name}[:, {start}:{end}]", start)
 

@@ -6,6 +6,8 @@ shapes (a box and capsules), are ours.
 
 import mujoco
 
+from porse.tasks import looks
+
 LEGS = ("LF", "LH", "RF", "RH")
 
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
@@ -82,10 +84,12 @@ def _leg(leg: str) -> str:
 def anymal_scene() -> mujoco.MjSpec:
     """Returns the scene. Touch sensors feel what the base and the thighs touch."""
     touched = ("base", *(f"{leg}_THIGH" for leg in LEGS))
-    return mujoco.MjSpec.from_string(
+    spec = mujoco.MjSpec.from_string(
         _XML.format(
             damping=DAMPING, stiffness=STIFFNESS, effort=EFFORT, legs="".join(_leg(leg) for leg in LEGS),
             drives="".join(f'<position name="{joint}" joint="{joint}"/>' for joint in JOINTS),
             sensors="".join(f'<touch name="{name}" site="{name}"/>' for name in touched),
         )
     )  # fmt: skip
+    looks.surround(spec)
+    return spec

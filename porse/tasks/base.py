@@ -24,7 +24,7 @@ from porse.sim.physics import CpuPhysics
 from porse.tasks.source import observation_source
 from porse.variables import Variable
 
-Value = Tensor | int | float | torch.device
+Value = Tensor | int | float | tuple[int, ...] | torch.device
 
 
 class Task(ABC):

@@ -10,7 +10,13 @@ from torch import Tensor
 from porse.tasks import objects, shadow
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
+from porse.tasks.hand_variables import (
+    body_variables,
+    free_hand_variables,
+    goal_variables,
+    point_variables,
+    root_variable,
+)
 from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
@@ -58,6 +64,7 @@ class BlockStack(HandleTask):
         *point_variables("block_right_handle", "the right cube"),
         *point_variables("block_left_handle", "the left cube"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
+        root_variable("block_indices", "the left cube"),
     )
 
     block_pose: Tensor

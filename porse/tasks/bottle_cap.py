@@ -12,7 +12,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import FreeHandTask, Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
@@ -23,6 +23,9 @@ FRICTION = 2.0
 
 RADIUS = 0.036
 OPEN = 0.03
+GOAL_LIFT = 1.0
+"""Height (m) of the goal above the bottle's start; it says nothing about the task."""
+
 DROPPED = 0.5
 CAP_LOST = 0.5
 BOTTLE_LOST = 0.2
@@ -62,7 +65,7 @@ class BottleCap(FreeHandTask):
     )
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the bottle"),
-        *goal_variables("goal", "the goal (the bottle's own place)"),
+        *goal_variables("goal", "the goal (1 m above the bottle's own place)"),
         Variable("bottle_pos", "tensor", (3,), "m", "world", "position of the bottle"),
         Variable("bottle_cap_pos", "tensor", (3,), "m", "world", "point of the bottle where the cap sits"),
         Variable("bottle_cap_up", "tensor", (3,), "m", "world", "position of the cap, which rises from the bottle"),
@@ -90,7 +93,8 @@ class BottleCap(FreeHandTask):
         cap = helper.add_body(name="link_0")
         cap.add_joint(name="screw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], damping=1e-3, armature=1e-4)
         objects.add_rod(cap, "cap", (-0.007, 0.139, -0.0075), (-0.007, 0.15, -0.0075), 0.013, 0.0026, FRICTION)
-        objects.add_goal(spec, (0.0, -0.6, 0.5), (0.0, -0.7, 0.0))
+        objects.add_goal(spec, (0.0, -0.6, 0.5), (0.0, -0.7, 0.0), lift=GOAL_LIFT)
+        dress.dress_bottle(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 422)`: two hands, the bottle, its cap, two zeros."""

@@ -22,3 +22,4 @@ class DoorOpenOutward(DoorTask):
     EULER: ClassVar[objects.Vector] = OUTWARD
     HANDLES: ClassVar[tuple[Handle, ...]] = handles(-0.04)
     OPENS: ClassVar[bool] = True
+    GOAL_LIFT: ClassVar[float] = 5.0

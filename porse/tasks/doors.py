@@ -1,5 +1,6 @@
 """The base of the four door tasks: a double door in a fixed frame, and two hands that reach for its handles.
 
+The frame is two thin rails along the panels' upper and lower edges, as in the original; beside the panels there is nothing.
 The separation of the handles along y says how far the door is open: 0.067 m closed, 0.77 to 0.93 m wide open. The hinges
 have a little friction; gravity does not act on the panels, as in the original.
 """
@@ -11,7 +12,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import looks, objects, shadow
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -20,6 +21,10 @@ from porse.variables import Variable
 
 FRICTION = 0.55
 PANEL_MASS = 4.25
+RAIL = 0.0038
+"""Height (m) of a rail of the frame: 0.325 kg of the original's density in two bars of 1.762 m x 0.049 m."""
+
+RAIL_MASS = 0.1625
 HALF_OPEN = 0.5
 """Separation (m) of the handles that separates open from closed."""
 
@@ -56,10 +61,15 @@ def add_door(spec: mujoco.MjSpec, euler: objects.Vector) -> None:
     """Adds the door at 0.7 m: bodies "object" (its base), "link_0" (the frame), "link_1" and "link_2" (the panels)."""
     base = objects.add_base(spec, "object", (0.0, 0.0, 0.7), euler, free=False)
     frame = objects.add_link(base, "link_0")
-    objects.add_box(frame, "frame_low", (-0.883, -0.446, -0.0245), (-0.45, 0.483, 0.0245), 0.16, FRICTION)
-    objects.add_box(frame, "frame_high", (0.446, -0.446, -0.0245), (0.879, 0.483, 0.0245), 0.16, FRICTION)
+    low, high = (-0.883, -0.446, -0.0245), (0.879, 0.483, 0.0245)
+    objects.add_box(frame, "lower_rail", low, (high[0], low[1] + RAIL, high[2]), RAIL_MASS, FRICTION)
+    objects.add_box(frame, "upper_rail", (low[0], high[1] - RAIL, low[2]), high, RAIL_MASS, FRICTION)
     _add_panel(frame, "link_1", (-0.4265, 0.4833, 0.0085), (0.0, -1.0, 0.0), toward=1)
     _add_panel(frame, "link_2", (0.4204, 0.4833, 0.0056), (0.0, 1.0, 0.0), toward=-1)
+    looks.paint(spec, "lower_rail", looks.DARK)
+    looks.paint(spec, "upper_rail", looks.DARK)
+    for panel in ("link_1", "link_2"):
+        spec.geom(panel).rgba = looks.WOOD
 
 
 def handles(offset: float) -> tuple[Handle, ...]:
@@ -77,6 +87,7 @@ class DoorTask(HandleTask):
         EULER: orientation of the door.
         OPENS: whether success is an open door (else a closed one).
         CONSTANT: constant of the human reward.
+        GOAL_LIFT: height (m) of the goal above the door.
     """
 
     NUM_OBSERVATIONS: ClassVar[int] = 417
@@ -87,7 +98,7 @@ class DoorTask(HandleTask):
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the door"),
-        *goal_variables("goal", "the goal (the door's own place)"),
+        *goal_variables("goal", "the goal (high above the door's own place)"),
         *point_variables("door_left_handle", "the handle for the left hand"),
         *point_variables("door_right_handle", "the handle for the right hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -99,6 +110,7 @@ class DoorTask(HandleTask):
     EULER: ClassVar[objects.Vector]
     OPENS: ClassVar[bool]
     CONSTANT: ClassVar[float] = 2.0
+    GOAL_LIFT: ClassVar[float] = objects.LIFT
     LOST: ClassVar[float] = 1.5
 
     door_left_handle_pos: Tensor
@@ -108,7 +120,7 @@ class DoorTask(HandleTask):
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the door and its goal."""
         add_door(spec, cls.EULER)
-        objects.add_goal(spec, (0.0, 0.0, 0.7), cls.EULER)
+        objects.add_goal(spec, (0.0, 0.0, 0.7), cls.EULER, lift=cls.GOAL_LIFT)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the door, its handles."""

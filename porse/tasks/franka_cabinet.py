@@ -67,6 +67,12 @@ class FrankaCabinet(SuccessTask):
         Variable("franka_grasp_rot", "tensor", (4,), "1", "world", "orientation of the gripper"),
         Variable("drawer_grasp_pos", "tensor", (3,), "m", "world", "grasp point of the top drawer's handle"),
         Variable("drawer_grasp_rot", "tensor", (4,), "1", "world", "orientation of the top drawer"),
+        Variable(
+            "franka_local_grasp_pos", "tensor", (3,), "m", "body", "grasp point in the frame of the last arm link"
+        ),
+        Variable("franka_local_grasp_rot", "tensor", (4,), "1", "body", "turn of the gripper in that frame"),
+        Variable("drawer_local_grasp_pos", "tensor", (3,), "m", "body", "grasp point in the frame of the top drawer"),
+        Variable("drawer_local_grasp_rot", "tensor", (4,), "1", "body", "turn of the handle in that frame: none"),
         Variable("franka_lfinger_pos", "tensor", (3,), "m", "world", "position of the left finger"),
         Variable("franka_lfinger_rot", "tensor", (4,), "1", "world", "orientation of the left finger"),
         Variable("franka_rfinger_pos", "tensor", (3,), "m", "world", "position of the right finger"),
@@ -107,6 +113,10 @@ class FrankaCabinet(SuccessTask):
         self._drawers = torch.tensor([int(model.joint(name).qposadr[0]) for name in CABINET_JOINTS])
         self.franka_dof_lower_limits = LOWER.repeat(self.num_envs, 1)
         self.franka_dof_upper_limits = UPPER.repeat(self.num_envs, 1)
+        self.franka_local_grasp_pos = FINGER_REACH.repeat(self.num_envs, 1)
+        self.franka_local_grasp_rot = FINGER_TURN.repeat(self.num_envs, 1)
+        self.drawer_local_grasp_pos = DRAWER_GRASP.repeat(self.num_envs, 1)
+        self.drawer_local_grasp_rot = torch.tensor([0.0, 0.0, 0.0, 1.0]).repeat(self.num_envs, 1)
         self.rigid_body_states = torch.zeros(self.num_envs, len(BODY_NAMES), 13)
 
     def _start(self, ids: Tensor) -> None:

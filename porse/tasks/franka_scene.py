@@ -11,6 +11,7 @@ original's, clamped at 12 N m, it would jerk by 0.9 rad/s in every step.
 import mujoco
 
 from porse.sim.drives import Drive
+from porse.tasks import looks
 
 ARMATURE = 0.1
 """Of every joint of the arm (kg m2) and its fingers (kg)."""
@@ -172,4 +173,5 @@ def franka_scene(dt: float) -> mujoco.MjSpec:
             forcerange=[-drive.limit, drive.limit],
         )  # fmt: skip
         actuator.set_to_position(drive.stiffness, kv=0.0 if drive is FINGER else drive.damping)
+    looks.surround(spec, centre=(0.4, 0.0, 0.5))
     return spec

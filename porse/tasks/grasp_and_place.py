@@ -6,10 +6,16 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, point_variables
+from porse.tasks.hand_variables import (
+    body_variables,
+    free_hand_variables,
+    goal_states_variable,
+    point_variables,
+    root_variable,
+)
 from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
@@ -42,10 +48,12 @@ class GraspAndPlace(HandleTask):
     LOST: ClassVar[float] = 1.5
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the bucket"),
-        *point_variables("goal", "the goal (the bucket's own place)"),
+        *point_variables("goal", "the goal (10 m above the bucket's own place)"),
+        goal_states_variable("the goal (10 m above the bucket's own place)"),
         *point_variables("block_right_handle", "the bucket, for the right hand"),
         *point_variables("block_left_handle", "the cube, for the left hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
+        root_variable("block_indices", "the cube"),
     )
 
     block_right_handle_pos: Tensor
@@ -61,7 +69,8 @@ class GraspAndPlace(HandleTask):
         tub = objects.add_link(base, "link_1")
         objects.add_tub(tub, "bucket", (-0.057, -0.053, -0.057), (0.057, 0.0445, 0.057), 0.008, up=1, mass=0.2)
         objects.add_block(spec, "block", (0.0, -0.2, 0.625))
-        objects.add_goal(spec, (0.0, 0.2, 0.654))
+        objects.add_goal(spec, (0.0, 0.2, 0.654), lift=objects.LIFT)
+        dress.dress_bucket(spec, "link_1")
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 425)`: two hands, the bucket, then bucket and cube as handles."""

@@ -21,8 +21,24 @@ def body_variables(name: str, meaning: str) -> tuple[Variable, ...]:
 
 
 def goal_variables(name: str, meaning: str) -> tuple[Variable, ...]:
-    """Returns pose, position and orientation of a goal as variables."""
-    return body_variables(name, meaning)[:3]
+    """Returns pose, position, orientation and whole state of a goal as variables."""
+    return (*body_variables(name, meaning)[:3], goal_states_variable(meaning, f"{name}_states"))
+
+
+def goal_states_variable(meaning: str, name: str = "goal_states") -> Variable:
+    """Returns the whole state of a goal as a variable."""
+    return Variable(
+        name, "tensor", (13,), "m, 1, m/s, rad/s", "world", f"pose and velocities, which are 0, of {meaning}"
+    )
+
+
+def root_variable(name: str, meaning: str) -> Variable:
+    """Returns the column of an actor in `root_state_tensor` as a variable.
+
+    The original's roots are one flat array, which it indexes with such a name first, `root_state_tensor[object_indices,
+    0:3]`. Functions that are written so are read as they are meant: see `porse.functions.contract.ROOT_INDICES`.
+    """
+    return Variable(name, "int", (), "1", "-", f"column of {meaning} in root_state_tensor")
 
 
 def point_variables(name: str, meaning: str) -> tuple[Variable, ...]:
@@ -39,6 +55,7 @@ def hand_variables() -> tuple[Variable, ...]:
             Variable(f"fingertip_{word}state", "tensor", (5, 13), "m, 1, m/s, rad/s", "world",
                      f"position, orientation and velocities of the last links of the {tips}"),
             Variable(f"fingertip_{word}pos", "tensor", (5, 3), "m", "world", f"positions of the last links, {tips}"),
+            Variable(f"fingertip_{word}handles", "tuple", (5,), "1", "-", f"rows of rigid_body_states of the {tips}"),
             Variable(f"shadow_hand_{word}dof_pos", "tensor", (24,), "rad", "joint", f"joint angles of the {side} hand"),
             Variable(f"shadow_hand_{word}dof_vel", "tensor", (24,), "rad/s", "joint", f"joint speeds, {side} hand"),
         ]  # fmt: skip
@@ -73,6 +90,7 @@ def two_hand_variables(actions: int, observations: int, objects: int, actors: in
         Variable("rigid_body_states", "tensor", (2 * len(shadow.BODIES) + objects, 13), "m, 1, m/s, rad/s", "world", f"all bodies: {listed}"),
         Variable("root_state_tensor", "tensor", (2 + actors, 13), "m, 1, m/s, rad/s", "world",
                  "roots of the actors: right hand, left hand, objects"),
+        root_variable("object_indices", "the object"),
         *plain_variables(observations, actions),
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
 from porse.sim.drag import kept_share
-from porse.tasks import shadow
+from porse.tasks import looks, shadow
 from porse.tasks.hand_observations import JOINT_RANGES
 from porse.tasks.success import SuccessTask
 
@@ -64,6 +64,9 @@ class TwoHandTask(SuccessTask):
     OBJECT_BODIES: ClassVar[tuple[str, ...]]
     ACTORS: ClassVar[tuple[str, ...]]
 
+    fingertip_handles: ClassVar[tuple[int, ...]] = tuple(DISTAL)
+    fingertip_another_handles: ClassVar[tuple[int, ...]] = tuple(HAND_BODIES + body for body in DISTAL)
+
     rigid_body_states: Tensor
     root_state_tensor: Tensor
     dof_force_tensor: Tensor
@@ -81,6 +84,7 @@ class TwoHandTask(SuccessTask):
     object_rot: Tensor
     object_linvel: Tensor
     object_angvel: Tensor
+    goal_states: Tensor
     goal_pose: Tensor
     goal_pos: Tensor
     goal_rot: Tensor
@@ -105,6 +109,7 @@ class TwoHandTask(SuccessTask):
         shadow.add_hand(spec, "left", cls.LEFT, cls.FREE)
         shadow.hold_off_forearms(spec)
         cls.add_objects(spec)
+        looks.surround(spec)
         return spec
 
     @classmethod
@@ -128,6 +133,8 @@ class TwoHandTask(SuccessTask):
         self._bodies = Bodies(self._physics, tuple(names))
         actors = ["right/hand mount", "left/hand mount", *self.ACTORS]
         self._actors = torch.tensor([names.index(name) for name in actors])
+        for name in self.ACTORS:
+            setattr(self, f"{name}_indices", actors.index(name))
         joints = [model.joint(f"{side}/{joint}") for side in sides for joint in shadow.JOINTS]
         self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
         self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
@@ -202,15 +209,16 @@ class TwoHandTask(SuccessTask):
         self.shadow_hand_dof_vel, self.shadow_hand_another_dof_vel = speeds.split(HAND_JOINTS, dim=-1)
         states = self.rigid_body_states
         self.root_state_tensor = states[:, self._actors]
-        self.fingertip_state = states[:, DISTAL]
-        self.fingertip_another_state = states[:, [HAND_BODIES + body for body in DISTAL]]
+        self.fingertip_state = states[:, self.fingertip_handles]
+        self.fingertip_another_state = states[:, self.fingertip_another_handles]
         self.fingertip_pos = self.fingertip_state[..., :3]
         self.fingertip_another_pos = self.fingertip_another_state[..., :3]
         self._name_measurements()
 
     def _name_body(self, name: str, body: str) -> None:
-        """Sets `name`_pose, _pos, _rot, _linvel and _angvel from an object body."""
+        """Sets `name`_states, _pose, _pos, _rot, _linvel and _angvel from an object body."""
         state = self.rigid_body_states[:, 2 * HAND_BODIES + self.OBJECT_BODIES.index(body)]
+        setattr(self, f"{name}_states", state)
         setattr(self, f"{name}_pose", state[:, 0:7])
         setattr(self, f"{name}_pos", state[:, 0:3])
         setattr(self, f"{name}_rot", state[:, 3:7])

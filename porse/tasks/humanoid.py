@@ -21,6 +21,10 @@ from porse.variables import Variable
 START_HEIGHT = 1.34
 FALLEN = 0.8
 TARGET = (1000.0, 0.0, 0.0)
+FORWARD = torch.tensor([1.0, 0.0, 0.0])
+UP = torch.tensor([0.0, 0.0, 1.0])
+"""Axes of the torso's own frame."""
+
 EFFORT_RATIO = torch.tensor(GEARS) / 135.0
 
 
@@ -64,11 +68,21 @@ class Humanoid(WalkingTask):
         Variable("up_vec", "tensor", (3,), "1", "world", "up axis of the torso"),
         Variable("heading_vec", "tensor", (3,), "1", "world", "forward axis of the torso"),
         Variable("inv_start_rot", "tensor", (4,), "1", "world", "inverse of the torso's start orientation"),
+        Variable("basis_vec0", "tensor", (3,), "1", "body", "forward axis in the torso's own frame"),
+        Variable("basis_vec1", "tensor", (3,), "1", "body", "up axis in the torso's own frame"),
+        Variable("dof_vel_scale", "float", (), "1", "-", "scale of joint speeds in the observations"),
+        Variable("angular_velocity_scale", "float", (), "1", "-", "scale of angular velocities in the observations"),
+        Variable("contact_force_scale", "float", (), "1", "-", "scale of joint and foot forces in the observations"),
+        Variable("power_scale", "float", (), "1", "-", "scale of the joint torques that actions ask for"),
         Variable("dt", "float", (), "s", "-", "control step"),
         *plain_variables(108, 21),
     )
     OBSERVATION_HELPERS = (wrapped,)
     dt: ClassVar[float] = CONTROL_DT
+    dof_vel_scale: ClassVar[float] = 0.1
+    angular_velocity_scale: ClassVar[float] = 0.25
+    contact_force_scale: ClassVar[float] = 0.01
+    power_scale: ClassVar[float] = 1.0
 
     dof_force_tensor: Tensor
     vec_sensor_tensor: Tensor
@@ -85,6 +99,8 @@ class Humanoid(WalkingTask):
         self.dof_limits_upper = limits[:, 1].repeat(self.num_envs, 1)
         self.targets = torch.tensor(TARGET).repeat(self.num_envs, 1)
         self.inv_start_rot = torch.tensor([0.0, 0.0, 0.0, 1.0]).repeat(self.num_envs, 1)
+        self.basis_vec0 = FORWARD.repeat(self.num_envs, 1)
+        self.basis_vec1 = UP.repeat(self.num_envs, 1)
         self.potentials = torch.zeros(self.num_envs)
         self.prev_potentials = torch.zeros(self.num_envs)
 
@@ -95,7 +111,7 @@ class Humanoid(WalkingTask):
         self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 21).double()
 
     def _act(self) -> None:
-        self._physics.ctrl[:] = self.actions.double()
+        self._physics.ctrl[:] = self.power_scale * self.actions.double()
 
     def _measure(self) -> None:
         read = self._physics.read
@@ -115,8 +131,8 @@ class Humanoid(WalkingTask):
     def _name_measurements(self) -> None:
         super()._name_measurements()
         orientation = self.root_states[:, 3:7]
-        self.up_vec = rotations.rotate(orientation, torch.tensor([0.0, 0.0, 1.0]))
-        self.heading_vec = rotations.rotate(orientation, torch.tensor([1.0, 0.0, 0.0]))
+        self.up_vec = rotations.rotate(orientation, UP)
+        self.heading_vec = rotations.rotate(orientation, FORWARD)
 
     def _potential(self) -> Tensor:
         """Returns minus the horizontal distance to the target over the control step, `(num_envs,)`."""
@@ -135,16 +151,16 @@ class Humanoid(WalkingTask):
             (
                 position[:, 2:3],
                 rotations.rotate_inverse(turned, self.root_states[:, 7:10]),
-                0.25 * rotations.rotate_inverse(turned, self.root_states[:, 10:13]),
+                self.angular_velocity_scale * rotations.rotate_inverse(turned, self.root_states[:, 10:13]),
                 wrapped(angles[:, 2:3]),
                 wrapped(angles[:, 0:1]),
                 wrapped(bearing.unsqueeze(-1) - angles[:, 2:3]),
                 self.up_vec[:, 2:3],
                 (self.heading_vec[:, :2] * direction).sum(dim=-1, keepdim=True),
                 (2.0 * self.dof_pos - upper - lower) / (upper - lower),
-                0.1 * self.dof_vel,
-                0.01 * self.dof_force_tensor,
-                0.01 * self.vec_sensor_tensor,
+                self.dof_vel_scale * self.dof_vel,
+                self.contact_force_scale * self.dof_force_tensor,
+                self.contact_force_scale * self.vec_sensor_tensor,
                 self.actions,
             ),
             dim=-1,

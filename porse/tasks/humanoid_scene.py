@@ -7,6 +7,8 @@ original's link damping, 0.01 1/s of a link's spin, is left out: beside joint da
 
 import mujoco
 
+from porse.tasks import looks
+
 _XML = """
 <mujoco model="Humanoid">
   <compiler angle="degree" autolimits="true"/>
@@ -108,4 +110,6 @@ def humanoid_scene() -> mujoco.MjSpec:
     motors = "".join(
         f'<motor name="{joint}" joint="{joint}" gear="{gear}"/>' for joint, gear in zip(JOINTS, GEARS, strict=True)
     )
-    return mujoco.MjSpec.from_string(_XML.format(legs=legs, arms=arms, motors=motors))
+    spec = mujoco.MjSpec.from_string(_XML.format(legs=legs, arms=arms, motors=motors))
+    looks.surround(spec)
+    return spec

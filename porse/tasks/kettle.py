@@ -11,7 +11,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -59,7 +59,7 @@ class Kettle(HandleTask):
     LEFT_HANDLE: ClassVar[str] = "bucket_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the kettle"),
-        *goal_variables("goal", "the goal (the kettle's own place)"),
+        *goal_variables("goal", "the goal (10 m above the kettle's own place)"),
         *point_variables("kettle_handle", "the handle of the kettle, for the right hand"),
         *point_variables("kettle_spout", "the spout of the kettle"),
         *point_variables("bucket_handle", "the point of the bucket, for the left hand"),
@@ -95,7 +95,9 @@ class Kettle(HandleTask):
                 contype=objects.OBJECT_BIT, conaffinity=objects.HAND_BIT | objects.OBJECT_BIT,
                 rgba=[0.2, 0.4, 0.9, 1],
             )  # fmt: skip
-        objects.add_goal(spec, (0.0, 0.0, 0.5), (0.0, 0.0, 1.57))
+        objects.add_goal(spec, (0.0, 0.0, 0.5), (0.0, 0.0, 1.57), lift=objects.LIFT)
+        dress.dress_kettle(spec)
+        dress.dress_bucket(spec, "bucket_link_1")
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the kettle, its handle, the bucket."""

@@ -10,7 +10,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
+from porse.tasks import dress, objects, shadow
 from porse.tasks.free_hands import FreeHandTask, Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
@@ -75,6 +75,7 @@ class LiftUnderarm(FreeHandTask):
         objects.add_slide(lid, "lid", (0.0, 1.0, 0.0), (0.0, 0.06), damping=1.0, friction=1.0)
         objects.add_rod(lid, "lid", (0.0, 0.07, 0.0), (0.0, 0.09, 0.0), 0.117, 1.0, FRICTION)
         objects.add_goal(spec, (0.0, -0.6, GOAL_HEIGHT))
+        dress.dress_pot(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the pot, its handles."""

@@ -12,7 +12,7 @@ import math
 
 import mujoco
 
-from porse.tasks import shadow
+from porse.tasks import looks, shadow
 
 Vector = tuple[float, float, float]
 
@@ -22,11 +22,11 @@ LINK_EULER: Vector = (math.pi / 2, 0.0, -math.pi / 2)
 SPIN_INERTIA = 2e-5
 """Inertia (kg m2) added to free objects: slim ones would otherwise spin up without bound between two fingers."""
 
+LIFT = 10.0
+"""Height (m) by which most originals lift a goal that says nothing, above its object's own place."""
+
 HAND_BIT = 1
 OBJECT_BIT = 8
-
-_WOOD = (0.6, 0.45, 0.3, 1.0)
-_STEEL = (0.55, 0.6, 0.65, 1.0)
 
 
 def add_table(spec: mujoco.MjSpec, size: Vector, x: float = 0.0, y: float = 0.0, friction: float = 1.0) -> None:
@@ -34,15 +34,16 @@ def add_table(spec: mujoco.MjSpec, size: Vector, x: float = 0.0, y: float = 0.0,
     table = spec.worldbody.add_body(name="table", pos=[x, y, size[2] / 2])
     table.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[s / 2 for s in size], friction=[friction, 0.005, 0.0001],
-        contype=0, conaffinity=HAND_BIT | OBJECT_BIT, rgba=_WOOD,
+        contype=0, conaffinity=HAND_BIT | OBJECT_BIT, rgba=looks.WOOD,
     )  # fmt: skip
 
 
 def add_goal(
-    spec: mujoco.MjSpec, position: Vector, euler: Vector = (0.0, 0.0, 0.0), name: str = "goal"
+    spec: mujoco.MjSpec, position: Vector, euler: Vector = (0.0, 0.0, 0.0), name: str = "goal", lift: float = 0.0
 ) -> mujoco.MjsBody:
-    """Adds a goal pose: a body that touches nothing and that only a task moves."""
-    goal = spec.worldbody.add_body(name=name, mocap=True, pos=position, quat=shadow.quaternion_of(euler))
+    """Adds a goal pose, `lift` (m) above a position: a body that touches nothing and that only a task moves."""
+    x, y, z = position
+    goal = spec.worldbody.add_body(name=name, mocap=True, pos=[x, y, z + lift], quat=shadow.quaternion_of(euler))
     goal.add_site(name=name, size=[0.015, 0.015, 0.015], rgba=[0.2, 0.8, 0.3, 0.6])
     return goal
 
@@ -91,7 +92,7 @@ def add_rod(
     body.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end], size=[radius, 0, 0], mass=mass,
         friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM, condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT,
-        rgba=_STEEL,
+        rgba=looks.STEEL,
     )  # fmt: skip
 
 
@@ -120,6 +121,8 @@ def add_block(
     block = add_base(spec, name, position)
     half = (0.025, 0.025, 0.025)
     add_box(block, name, (-0.025, -0.025, -0.025), half, 0.0709, friction, meets_objects)
+    looks.add_cube_material(spec)
+    spec.geom(name).material, spec.geom(name).rgba = "cube", [1.0, 1.0, 1.0, 1.0]
 
 
 def add_hinge(
@@ -155,5 +158,5 @@ def _add(
     """Adds a geom that hands, tables and the floor meet."""
     body.add_geom(
         name=name, type=kind, size=size, pos=position, mass=mass, friction=[friction, 0.005, 0.0001], priority=1, solimp=shadow.FIRM,
-        condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=_STEEL,
+        condim=4, contype=OBJECT_BIT, conaffinity=HAND_BIT | (OBJECT_BIT if meets_objects else 0), rgba=looks.STEEL,
     )  # fmt: skip

@@ -28,6 +28,11 @@ departure, the task says so.
 
 - First dimension `num_envs`, float32, world frame, quaternions (x, y, z, w), SI units, unless said.
 - A simulation that diverges is started again, ends its episode and is counted (`blown_up`).
+- Texts for the model say what the originals' texts say, in our own words. The originals swap the texts of opening and
+  closing doors, and speak of a bottle in Switch; ours say what each task is. The second egg of CatchOver2Underarm's text is kept.
+- Names that functions written for the originals read are there with the originals' meaning. Two differ in form: the roots
+  are `root_state_tensor` `(num_envs, actors, 13)`, one array of all actors there, so `object_indices` and its like are
+  columns (`root_state_tensor[object_indices, 0:3]` is read as it is meant), and `fingertip_handles` are tuples of ints.
 - *Sparse reward*: the fitness of each step. *Human reward*: the original's own reward.
 - *Fitness* of an epoch: of Quadcopter, Anymal and Humanoid the mean over environments and steps; of the others, which are solved or
   not, the statistic over episodes as in the original, at the epoch's end.
@@ -38,7 +43,8 @@ departure, the task says so.
 ## What holds for the two-hand tasks
 
 - Both hands are the right Shadow Hand of `gymnasium-robotics`, without gravity, 20 position actuators each; the last
-  two joints of a finger are coupled by a limited tendon (the original: a soft spring on that limit).
+  two joints of a finger are coupled by a tendon with a hard limit of 1 mm (the original: a spring of stiffness 30 and
+  damping 0.1 on that limit).
 - Actions of fixed hands: 20 joint targets for the right hand, 20 for the left, -1 and 1 the joint's limits. Of free
   hands: 3 forces, 3 torques and 20 joint targets for each; forces and torques act on the forearm, in the world frame.
 - Links of free hands have the original's damping of 100 1/s, those of fixed hands 0.01 1/s (see *How things move*).
@@ -52,6 +58,10 @@ departure, the task says so.
 - The joint springs that the originals set on doors, pen and bottle are off, as their drive mode says; hinges and slides
   have a little friction instead.
 - Start noise that would leave a joint's range is cut off at the range.
+- `goal_pos` of doors, Scissors, Switch, Kettle, Pen and GraspAndPlace hangs 10 m above the object's start (5 m in
+  DoorOpenOutward, 1 m in SwingCup and BottleCap), as in the originals: it says nothing about the task.
+- What is seen is not all that collides: kettle, bucket, cup, pot, bottle, pen and scissors are seen round and collide as the
+  boxes and cylinders that stand for the originals' meshes (group 3 in MuJoCo's viewer).
 - Rockers, lids and the like start every episode in the same place; Switch and Kettle of the original leave them where
   they are.
 
@@ -165,6 +175,8 @@ def _section(task: type[Task]) -> str:
     lines.append("| --- | --- | --- | --- | --- |")
     for v in task.VARIABLES:
         shape = "num_envs" + "".join(f" x {n}" for n in v.shape) if v.kind == "tensor" else v.kind
+        if v.kind == "tuple":
+            shape = f"tuple of {v.shape[0]}"
         lines.append(f"| `{v.name}` | {shape} | {v.unit} | {v.frame} | {v.meaning} |")
     return "\n".join([*lines, "", "</details>", ""])
 

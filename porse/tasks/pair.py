@@ -21,6 +21,7 @@ class PairTask(TwoHandTask):
     object_another_rot: Tensor
     object_another_linvel: Tensor
     object_another_angvel: Tensor
+    goal_another_states: Tensor
     goal_another_pose: Tensor
     goal_another_pos: Tensor
     goal_another_rot: Tensor

@@ -6,7 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -45,7 +45,7 @@ class Pen(HandleTask):
     LOST: ClassVar[float] = 1.5
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the pen"),
-        *goal_variables("goal", "the goal (the pen's own place)"),
+        *goal_variables("goal", "the goal (10 m above the pen's own place)"),
         *point_variables("pen_right_handle", "the cap, for the right hand"),
         *point_variables("pen_left_handle", "the barrel, for the left hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -64,7 +64,8 @@ class Pen(HandleTask):
         cap = barrel.add_body(name="link_0")
         objects.add_slide(cap, "cap", (0.0, -1.0, 0.0), (0.0, 0.492), damping=0.5, friction=0.1)
         objects.add_box(cap, "cap", (-0.0115, -0.172, -0.018), (0.0115, -0.041, 0.018), 0.03)
-        objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (1.57, 1.57, 0.0))
+        objects.add_goal(spec, (0.0, 0.0, START_HEIGHT), (1.57, 1.57, 0.0), lift=objects.LIFT)
+        dress.dress_pen(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the pen, its ends."""

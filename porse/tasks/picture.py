@@ -15,42 +15,43 @@ from porse.tasks.base import Task
 
 Pixels = NDArray[np.uint8]
 
-_TABLE = ((0.2, 0.0, 0.65), 1.7, 50.0, -30.0)
-VIEWS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
-    "Quadcopter": ((0.3, 0.5, 1.6), 2.2, 130.0, -15.0),
-    "FrankaCabinet": ((0.5, 0.0, 0.5), 2.4, 125.0, -20.0),
-    "Anymal": ((0.0, 0.0, 0.4), 2.2, 130.0, -15.0),
-    "Humanoid": ((0.0, 0.0, 0.9), 3.2, 150.0, -10.0),
-    "Over": ((0.0, -0.5, 0.5), 1.5, 0.0, -30.0),
-    "ReOrientation": ((0.0, -0.57, 0.5), 1.5, 0.0, -30.0),
-    "CatchUnderarm": ((0.0, -0.57, 0.5), 1.5, 0.0, -30.0),
-    "TwoCatchUnderarm": ((0.0, -0.57, 0.5), 1.5, 0.0, -30.0),
-    "CatchAbreast": ((-0.2, -0.85, 0.5), 1.5, 90.0, -35.0),
-    "CatchOver2Underarm": ((0.0, -0.4, 0.65), 1.7, 0.0, -20.0),
-    "LiftUnderarm": ((0.0, -0.6, 0.45), 1.8, 20.0, -25.0),
+View = tuple[tuple[float, float, float], float, float, float]
+
+_TABLE: View = ((0.16, 0.0, 0.66), 1.35, 28.0, -24.0)
+_FACING: View = ((0.0, -0.55, 0.5), 1.25, 20.0, -22.0)
+VIEWS: dict[str, View] = {
+    "Quadcopter": ((0.0, 0.0, 1.0), 0.9, 130.0, -18.0),
+    "FrankaCabinet": ((0.45, 0.0, 0.45), 2.1, 130.0, -18.0),
+    "Anymal": ((0.0, 0.0, 0.4), 1.9, 130.0, -15.0),
+    "Humanoid": ((0.0, 0.0, 0.95), 2.8, 150.0, -10.0),
+    **dict.fromkeys(("Over", "ReOrientation", "CatchUnderarm", "TwoCatchUnderarm"), _FACING),
+    "CatchAbreast": ((-0.22, -0.85, 0.5), 1.35, 68.0, -28.0),
+    "CatchOver2Underarm": ((0.0, -0.35, 0.68), 1.6, 15.0, -14.0),
+    "LiftUnderarm": ((0.0, -0.6, 0.45), 1.45, 20.0, -22.0),
     **{
-        f"Door{action}": ((0.3, 0.0, 0.7), 2.4, 150.0, -15.0)
+        f"Door{action}": ((0.25, 0.0, 0.62), 2.1, 152.0, -14.0)
         for action in ("CloseInward", "CloseOutward", "OpenInward", "OpenOutward")
     },
-    "BottleCap": ((0.0, -0.65, 0.5), 1.3, 20.0, -20.0),
+    "BottleCap": ((0.0, -0.63, 0.52), 1.0, 20.0, -16.0),
+    "Kettle": ((0.14, -0.05, 0.47), 1.25, 28.0, -26.0),
     **dict.fromkeys(
-        (
-            "BlockStack",
-            "GraspAndPlace",
-            "Kettle",
-            "Pen",
-            "PushBlock",
-            "Scissors",
-            "SwingCup",
-            "Switch",
-            "SwitchReachable",
-        ),
-        _TABLE,
+        ("BlockStack", "GraspAndPlace", "Pen", "PushBlock", "Scissors", "Switch", "SwitchReachable"), _TABLE
     ),
+    "SwingCup": ((0.14, 0.0, 0.68), 1.05, 12.0, -22.0),
 }
 """Where the camera looks (m), from how far (m), at what azimuth and elevation (degrees).
 
 Other tasks are seen as their scene's <statistic> and <visual><global> say.
+"""
+
+FOLLOWED: dict[str, tuple[str, tuple[float, float, float]]] = {
+    "Quadcopter": ("chassis", (0.5, 0.5, 0.5)),
+    "Anymal": ("base", (1.0, 1.0, 0.0)),
+    "Humanoid": ("torso", (1.0, 1.0, 0.0)),
+}
+"""Bodies that move far, and what share of the way from the view's place to them the camera goes on each axis.
+
+It steps back by the rest of the way, so that the place, the quadcopter's target, stays in sight.
 """
 
 
@@ -73,10 +74,20 @@ def camera(task: Task, width: int, height: int) -> Iterator[Callable[[], Pixels]
         def take() -> Pixels:
             first_simulation(task, data)
             mujoco.mj_forward(model, data)
+            follow(task.NAME, data, view)
             renderer.update_scene(data, view)
             return renderer.render()
 
         yield take
+
+
+def follow(name: str, data: mujoco.MjData, view: mujoco.MjvCamera) -> None:
+    """Turns the camera of a task of `FOLLOWED` to where its body is; others stay as they are."""
+    if name in FOLLOWED:
+        (body, shares), (place, distance, *_) = FOLLOWED[name], VIEWS[name]
+        way = data.body(body).xpos - np.array(place)
+        view.lookat[:] = place + np.array(shares) * way
+        view.distance = distance + float(np.linalg.norm((1.0 - np.array(shares)) * way))
 
 
 def first_simulation(task: Task, data: mujoco.MjData | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -1,6 +1,7 @@
 """PushBlock: each hand pushes its cube to a goal.
 
-As in the original, an episode in which the left cube arrives first is worth a half for good.
+As in the original, an episode in which the left cube arrives first is worth a half for good. `goal_states` is the state of the
+right cube's goal, since `object_pos` is the right cube; what it holds in the original is not known.
 """
 
 from typing import ClassVar
@@ -12,7 +13,13 @@ from torch import Tensor
 from porse.tasks import objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, point_variables
+from porse.tasks.hand_variables import (
+    body_variables,
+    free_hand_variables,
+    goal_states_variable,
+    point_variables,
+    root_variable,
+)
 from porse.tasks.handle_task import HandleTask
 from porse.variables import Variable
 
@@ -42,7 +49,7 @@ class PushBlock(HandleTask):
     TIME_LIMIT: ClassVar[int] = 125
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "left_goal", "right_goal", "table")
     ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"),)
+    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "right_goal"))
     HANDLES: ClassVar[tuple[Handle, ...]] = (
         Handle("block_right_handle", "object"),
         Handle("block_left_handle", "block"),
@@ -58,7 +65,9 @@ class PushBlock(HandleTask):
         *point_variables("block_left_handle", "the left cube"),
         *point_variables("left_goal", "the goal of the left cube"),
         *point_variables("right_goal", "the goal of the right cube"),
+        goal_states_variable("the goal of the right cube"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
+        root_variable("block_indices", "the left cube"),
     )
 
     block_right_handle_pos: Tensor
@@ -74,6 +83,10 @@ class PushBlock(HandleTask):
         objects.add_block(spec, "block", (0.0, -0.2, 0.625), FRICTION)
         objects.add_goal(spec, LEFT_GOAL, name="left_goal")
         objects.add_goal(spec, RIGHT_GOAL, name="right_goal")
+        for name in ("left_goal", "right_goal"):
+            site = spec.site(name)
+            site.type, site.size, site.material = mujoco.mjtGeom.mjGEOM_BOX, [0.025, 0.025, 0.025], "cube"
+            site.rgba = [1.0, 1.0, 1.0, 0.4]
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 428)`: two hands, the right cube, both cubes, both goals, five zeros."""

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
+from porse.tasks import looks
 from porse.tasks.base import Task
 from porse.tasks.plain import plain_variables
 from porse.variables import Variable
@@ -118,6 +119,7 @@ class Quadcopter(Task):
                 gear=[0, 0, 1, 0, 0, 0],
             )  # fmt: skip
             thrust.set_to_motor()
+        looks.surround(spec, centre=(0.0, 0.0, 1.0))
         return spec
 
     def _prepare(self) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor
 from porse.sim import rotations
 from porse.tasks import objects, shadow
 from porse.tasks.hand_observations import fixed_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hand_variables import body_variables, goal_variables, two_hand_variables
+from porse.tasks.hand_variables import body_variables, goal_variables, root_variable, two_hand_variables
 from porse.tasks.pair import PairTask
 from porse.variables import Variable
 
@@ -58,6 +58,7 @@ class ReOrientation(PairTask):
         *body_variables("object_another", "the left hand's cube"),
         *goal_variables("goal_another", "its goal"),
         *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
+        root_variable("object_another_indices", "the left hand's object"),
     )
     OBSERVATION_HELPERS = (hand_observations, fixed_hands, moving_body, goal_and_turn)
     MEASURED: ClassVar[tuple[str, ...]] = (*PairTask.MEASURED, "_hit")
@@ -73,7 +74,7 @@ class ReOrientation(PairTask):
             goal = objects.add_goal(spec, (start[0], start[1], start[2] - GOAL_DROP), name=f"goal{word}")
             goal.add_geom(
                 name=f"goal{word}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025] * 3, contype=0, conaffinity=0,
-                rgba=[0.3, 0.8, 0.4, 0.4],
+                material="cube", rgba=[1.0, 1.0, 1.0, 0.45],
             )  # fmt: skip
 
     def _prepare(self) -> None:

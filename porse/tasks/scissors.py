@@ -6,7 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import dress, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -55,7 +55,7 @@ class Scissors(HandleTask):
     START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {"scissors": (CLOSED, 0.0)}
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the scissors"),
-        *goal_variables("goal", "the goal (the scissors' own place)"),
+        *goal_variables("goal", "the goal (10 m above the scissors' own place)"),
         *point_variables("scissors_right_handle", "the handle for the right hand"),
         *point_variables("scissors_left_handle", "the handle for the left hand"),
         Variable("object_dof_pos", "tensor", (1,), "rad", "joint", "angle of the scissors: -0.597 closed, 0.4 wide"),
@@ -76,7 +76,8 @@ class Scissors(HandleTask):
         moving = fixed.add_body(name="link_0", pos=[-0.0698, 0.0, 0.0034])
         _add_half(moving, "link_0", side=-1)
         objects.add_hinge(moving, "scissors", (0.0, 1.0, 0.0), (-0.5969, 0.4), damping=0.02, friction=0.01)
-        objects.add_goal(spec, (0.0, 0.0, 0.607), (0.0, 0.0, 1.57))
+        objects.add_goal(spec, (0.0, 0.0, 0.607), (0.0, 0.0, 1.57), lift=objects.LIFT)
+        dress.dress_scissors(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the scissors, their handles."""

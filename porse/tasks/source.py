@@ -18,6 +18,8 @@ def observation_source(task: "type[Task]") -> str:
     for v in task.VARIABLES:
         shape = ", ".join(("num_envs", *map(str, v.shape)))
         kind = f"({shape}{',' if not v.shape else ''})" if v.kind == "tensor" else v.kind
+        if v.kind == "tuple":
+            kind = f"tuple of {v.shape[0]} ints"
         frame = "" if v.frame == "-" else f", {v.frame} frame"
         lines.append(f"    # self.{v.name}: {kind}, {v.unit}{frame}: {v.meaning}")
     source = textwrap.dedent(inspect.getsource(task.compute_observations))

@@ -11,7 +11,7 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
+from porse.tasks import looks, objects
 from porse.tasks.free_hands import Handle
 from porse.tasks.hand_observations import free_hands, moving_body
 from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
@@ -31,6 +31,8 @@ def add_switch(spec: mujoco.MjSpec, name: str, y: float) -> None:
     rocker = housing.add_body(name=f"{name}_link_0", pos=[0.0502, -0.0109, 0.0417])
     objects.add_hinge(rocker, f"{name}_rocker", (-1.0, 0.0, 0.0), (0.0, LIMIT), damping=0.01, friction=0.02)
     objects.add_box(rocker, f"{name}_rocker", (-0.081, -0.0505, -0.013), (-0.021, 0.0505, 0.013), 0.042)
+    looks.paint(spec, f"{name}_housing", looks.WHITE)
+    looks.paint(spec, f"{name}_rocker", looks.RED)
 
 
 class Switch(HandleTask):
@@ -59,7 +61,7 @@ class Switch(HandleTask):
     LEFT_HANDLE: ClassVar[str] = "switch_left_handle"
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the right switch"),
-        *goal_variables("goal", "the goal (the right switch's own place)"),
+        *goal_variables("goal", "the goal (10 m above the right switch's own place)"),
         *point_variables("switch_right_handle", "the rocker for the right hand"),
         *point_variables("switch_left_handle", "the rocker for the left hand"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
@@ -74,7 +76,7 @@ class Switch(HandleTask):
         objects.add_table(spec, (0.5, 1.0, 0.55))
         add_switch(spec, "object", 0.2)
         add_switch(spec, "other", -0.2)
-        objects.add_goal(spec, (0.0, 0.2, 0.65), (math.pi, 1.57, 0.0))
+        objects.add_goal(spec, (0.0, 0.2, 0.65), (math.pi, 1.57, 0.0), lift=objects.LIFT)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the right switch, both rockers."""

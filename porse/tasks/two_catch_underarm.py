@@ -12,7 +12,13 @@ from porse.tasks import shadow
 from porse.tasks.catch import add_egg, add_goal_egg
 from porse.tasks.free_hands import FreeHandTask
 from porse.tasks.hand_observations import free_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hand_variables import FREE_ACTIONS, body_variables, goal_variables, two_hand_variables
+from porse.tasks.hand_variables import (
+    FREE_ACTIONS,
+    body_variables,
+    goal_variables,
+    root_variable,
+    two_hand_variables,
+)
 from porse.tasks.pair import PairTask
 from porse.variables import Variable
 
@@ -52,6 +58,7 @@ class TwoCatchUnderarm(PairTask, FreeHandTask):
         *body_variables("object_another", "the left hand's egg"),
         *goal_variables("goal_another", "its goal, in the right hand"),
         *two_hand_variables(FREE_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
+        root_variable("object_another_indices", "the left hand's object"),
     )
     OBSERVATION_HELPERS = (hand_observations, free_hands, moving_body, goal_and_turn)
     RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))

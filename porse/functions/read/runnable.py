@@ -16,8 +16,9 @@ from types import CodeType, MethodType, SimpleNamespace
 from typing import Any
 
 import torch
+from torch.overrides import TorchFunctionMode
 
-from porse.functions.contract import BUILTINS
+from porse.functions.contract import BUILTINS, ROOT_INDICES
 from porse.functions.read.allowed import ERRORS, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.source import Source, arguments, is_class, takes_self
@@ -63,6 +64,22 @@ class _Plain(ast.NodeTransformer):
         return node
 
 
+class _Root(int):
+    """The column of an actor in the root states, `ROOT_INDICES`."""
+
+
+class RootColumns(TorchFunctionMode):
+    """Reads `x[_Root(2), 0:3]` as `x[:, 2, 0:3]` while it is entered: that actor of every environment."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        """Calls a function of torch, an index with the column where it belongs."""
+        if func in (torch.Tensor.__getitem__, torch.Tensor.__setitem__):
+            index = args[1] if isinstance(args[1], tuple) else (args[1],)
+            if index and isinstance(index[0], _Root):
+                args = (args[0], (slice(None), *index), *args[2:])
+        return func(*args, **(kwargs or {}))
+
+
 class _Holder(SimpleNamespace):
     """What `self`, a class and what is made of one stand for: variables, constants and functions as attributes."""
 
@@ -79,7 +96,8 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
         code: what `compiled` made of it.
         values: the task's variables by name.
     """
-    own = _Holder(**HELPERS_IN_SCOPE | dict(values))
+    values = {name: _Root(value) if name in ROOT_INDICES else value for name, value in values.items()}
+    own = _Holder(**HELPERS_IN_SCOPE | values)
     space: dict[str, Any] = {
         node.id: own for node in ast.walk(source.tree) if isinstance(node, ast.Name) and is_class(node)
     }

@@ -18,10 +18,10 @@ from porse.identity import canonical_json
 from porse.variables import Variable
 
 
-def save_states(path: Path, values: Mapping[str, Tensor | int | float | torch.device]) -> None:
+def save_states(path: Path, values: Mapping[str, Tensor | int | float | tuple[int, ...] | torch.device]) -> None:
     """Writes the values of all variables of a task, tensors of shape (num_envs, ...); the device is always the CPU."""
     tensors = {name: value.detach().cpu().contiguous() for name, value in values.items() if isinstance(value, Tensor)}
-    scalars = {name: value for name, value in values.items() if isinstance(value, int | float)}
+    scalars = {name: value for name, value in values.items() if isinstance(value, int | float | tuple)}
     save_file(tensors, path, metadata={"scalars": canonical_json(scalars)})
 
 
@@ -33,6 +33,7 @@ def load_states(path: Path, variables: Sequence[Variable]) -> dict[str, Any]:
     """
     with safe_open(path, framework="pt", device="cpu") as file:
         found: dict[str, Any] = json.loads((file.metadata() or {}).get("scalars", "{}"))
+        found = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
         found |= {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (safe_open is no mapping)
     devices = {v.name: torch.device("cpu") for v in variables if v.kind == "device"}
     for variable in variables:

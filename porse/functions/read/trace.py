@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from porse.functions.read.runnable import FILE, compiled, main_function
+from porse.functions.read.runnable import FILE, RootColumns, compiled, main_function
 from porse.functions.read.source import Source
 from porse.functions.read.states import of_environments
 from porse.functions.read.tidy import tidied
@@ -195,7 +195,7 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
     try:
         for count in counts:
             given = of_environments(values, count)
-            with torch.inference_mode(), (recorder := _Recorder(given)):
+            with torch.inference_mode(), (recorder := _Recorder(given)), RootColumns():
                 main = main_function(source, code, given)
                 for _ in range(1 if calls else 2):
                     call = recorder.begin_call()
