@@ -20,7 +20,7 @@ import torch
 from porse.functions.contract import BUILTINS
 from porse.functions.read.allowed import ERRORS, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import Source, arguments, is_class, takes_self
+from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import CodeError
 
 FILE = "<function>"
@@ -80,9 +80,7 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
         values: the task's variables by name.
     """
     own = _Holder(**HELPERS_IN_SCOPE | dict(values))
-    space: dict[str, Any] = {
-        node.id: own for node in ast.walk(source.tree) if isinstance(node, ast.Name) and is_class(node)
-    }
+    space: dict[str, Any] = dict.fromkeys(source.classes, own)
     space |= {**vars(own), **{name: offered(path) for name, path in source.modules.items()}}
     space["__builtins__"] = {name: getattr(builtins, name) for name in BUILTINS | ERRORS} | {
         "print": lambda *parts, **more: None,
