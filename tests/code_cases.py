@@ -8,7 +8,7 @@ import torch
 from porse.functions.read.check import check_source
 from porse.functions.read.source import parse
 from porse.functions.read.trace import trace
-from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.program import Program
 from porse.functions.verdict import Kind
 from porse.variables import Variable
@@ -65,11 +65,11 @@ def compile_reward(
     source: str, variables: Sequence[Variable], portable: bool, states: Mapping[str, Any] | None = None
 ) -> RewardFunction:
     """Returns the reward of a source, traced in this process."""
-    return load_reward(traced(source, "reward", variables, states).text, portable)
+    return RewardFunction(traced(source, "reward", variables, states).text, portable)
 
 
 def compile_mapping(
     source: str, variables: Sequence[Variable], portable: bool, states: Mapping[str, Any] | None = None
 ) -> MappingFunction:
     """Returns the mapping of a source, traced in this process."""
-    return load_mapping(traced(source, "mapping", variables, states).text, portable)
+    return MappingFunction(traced(source, "mapping", variables, states).text, portable)

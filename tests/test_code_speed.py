@@ -8,7 +8,7 @@ import torch
 
 from porse.checkpoint import write_checkpoint
 from porse.exploration import VisitCounts
-from porse.functions.run.execute import load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.tasks import make_task
 from porse.training.candidate import train_candidate
 from porse.training.job import Job
@@ -42,7 +42,7 @@ def test_reward_mapping_and_bonus_take_little_of_a_training_step(params, tmp_pat
     started = time.process_time()
     assert not train_candidate(job, changed, lambda *_: None).failure
     step = (time.process_time() - started) / (3 * params.train.steps_per_epoch)
-    reward, mapping = load_reward(job.reward_program, portable), load_mapping(job.mapping_program, portable)
+    reward, mapping = RewardFunction(job.reward_program, portable), MappingFunction(job.mapping_program, portable)
     counts = VisitCounts(mapping.rises, params.exploration.cells, params.exploration.lambda_)
     states = make_task(params.task, num_envs, 0).variables()
     with torch.inference_mode():

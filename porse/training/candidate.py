@@ -6,7 +6,7 @@ from collections.abc import Callable
 from porse.config import Params
 from porse.errors import PorseError
 from porse.exploration import SimHashCounts, SumCounts, VisitCounts
-from porse.functions.run.execute import load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.verdict import CodeError
 from porse.identity import seed_for
 from porse.tasks import make_task
@@ -59,7 +59,7 @@ def _trained(job: Job, params: Params, report: Callable[[int, float], None], bef
 
 def _goal(job: Job, params: Params) -> Goal:
     if params.candidate.goal == "generated":
-        return generated(load_reward(job.reward_program, params.numerics == "portable"))
+        return generated(RewardFunction(job.reward_program, params.numerics == "portable"))
     return human if params.candidate.goal == "human" else sparse
 
 
@@ -71,6 +71,6 @@ def _bonus(job: Job, task: Task, params: Params) -> Bonus:
         seed = seed_for(job.seed, "simhash")
         counts = SimHashCounts(task.NUM_OBSERVATIONS, exploration.simhash_bits, exploration.lambda_, seed)
         return SimHashBonus(counts)
-    mapping = load_mapping(job.mapping_program, params.numerics == "portable")
+    mapping = MappingFunction(job.mapping_program, params.numerics == "portable")
     visits = SumCounts if exploration.discretiser == "sum" else VisitCounts
     return MappingBonus(mapping, visits(mapping.rises, exploration.cells, exploration.lambda_))

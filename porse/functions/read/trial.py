@@ -13,7 +13,7 @@ from torch import Tensor
 
 from porse.functions.read.states import of_environments
 from porse.functions.run import sleef
-from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, reads
 from porse.functions.run.shapes import FEW, mixing, shapes_of
@@ -49,7 +49,7 @@ def try_program(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
         CodeError: it does not pass.
     """
     program = read_program(text)
-    load = load_reward if program.kind == "reward" else load_mapping
+    load = RewardFunction if program.kind == "reward" else MappingFunction
     with torch.inference_mode():
         warning = _check_runs(load(text, True), values)
         load(text, False)(values)

@@ -106,16 +106,6 @@ class MappingFunction(_Function):
         return self._results(variables), list(self.rises), list(self.names)
 
 
-def load_reward(text: str, portable: bool) -> RewardFunction:
-    """Returns the goal reward of a list's text; arguments and errors as for `_Function`."""
-    return RewardFunction(text, portable)
-
-
-def load_mapping(text: str, portable: bool) -> MappingFunction:
-    """Returns the mapping of a list's text; arguments and errors as for `_Function`."""
-    return MappingFunction(text, portable)
-
-
 def _prepared(program: Program, few: Shapes, num_envs: int, portably: bool) -> tuple[list[Any], list[Run]]:
     """Returns what stands in the slots behind the variables, first of registers, then of written arguments, and the runs."""
     if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
