@@ -29,8 +29,6 @@ from porse.functions.run.shapes import TOO_MUCH
 from porse.functions.verdict import CodeError, Kind
 
 _OUT_OF_MEMORY = 3
-_AHEAD = 2
-"""Processes that wait for work."""
 _WARM = """
 def compute_reward(x):
     d = torch.norm(x, dim=-1) + torch.norm(x, p=2, dim=1) + torch.norm(x) + torch.einsum('ij,ij->i', x, x)
@@ -55,17 +53,14 @@ def serve(load: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     _warm_up()
     seal()
-    pool: _Pool | None = None
+    pool = _Pool(limits)
     for line in sys.stdin.buffer:
         request = json.loads(line)
-        if pool is not None and "reply" in request:
+        if "reply" in request:
             send(answers, _judged(request, pool))
             continue
         try:
-            values = load(request)
-            if pool is not None:
-                pool.close()
-            pool = _Pool(values, limits)
+            pool.renew(load(request))
             send(answers, {"ready": True})
         except Exception as error:  # whatever is wrong with the states is told to the parent
             send(answers, {"error": str(error)})
@@ -116,31 +111,28 @@ def _read(reply: str, kind: Kind, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Pool:
-    """Confined processes that wait, each for one piece of work, after which it ends.
+    """Confined processes that wait, each for one piece of work, after which it ends; `limits` is what one may use."""
 
-    Args:
-        values: of the task's variables in real states.
-        limits: what one process may use.
-    """
-
-    def __init__(self, values: Mapping[str, Any], limits: Limits) -> None:
-        self._values = values
+    def __init__(self, limits: Limits) -> None:
         self._limits = limits
+        self._values: Mapping[str, Any] = {}
+        self._waiting: list[tuple[int, int]] = []
         self._ending: list[int] = []
-        self._waiting = [self._forked() for _ in range(_AHEAD)]
 
-    def close(self) -> None:
-        """Ends all processes that wait."""
-        for process, pipe in self._waiting:
-            self._end(process, pipe)
+    def renew(self, values: Mapping[str, Any]) -> None:
+        """Has other states from now on, the values of a task's variables."""
+        self._values = values
+        while self._waiting:
+            self._end(*self._waiting.pop())
 
     def done(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Returns what comes of a request, or the check and the message of a refusal where nothing does."""
-        process, pipe = self._waiting.pop(0)
+        process, pipe = self._waiting.pop(0) if self._waiting else self._forked()
         found, in_time = {}, True
         with contextlib.suppress(BrokenPipeError):
             send(pipe, request)
-        self._waiting.append(self._forked())
+        while len(self._waiting) < 2:
+            self._waiting.append(self._forked())
         try:
             found = receive(pipe, self._limits.wall_s)
         except TimeoutError:
