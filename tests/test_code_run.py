@@ -39,8 +39,7 @@ def test_its_text_is_the_same_for_the_same_function_and_tells_another():
     text = traced(SOURCE, "reward", VARIABLES).text
     assert text == traced(SOURCE.replace("up", "weights"), "reward", VARIABLES).text == read_program(text).text
     other = traced(SOURCE.replace("-0.5", "-0.25"), "reward", VARIABLES)
-    assert other.identity != read_program(text).identity
-    assert len(other.identity) == 64
+    assert other.text != text
 
 
 @BOTH

@@ -28,7 +28,6 @@ from porse.functions.read.trial import make_sleef, try_program
 from porse.functions.run.shapes import TOO_MUCH
 from porse.functions.verdict import CodeError, Kind
 
-_OUT_OF_MEMORY = 3
 _WARM = """
 def compute_reward(x):
     d = torch.norm(x, dim=-1) + torch.norm(x, p=2, dim=1) + torch.norm(x) + torch.einsum('ij,ij->i', x, x)
@@ -84,7 +83,8 @@ def _judged(request: Mapping[str, Any], pool: "_Pool") -> dict[str, Any]:
     text = str(read.get("program"))
     tried = pool.done({"program": text})
     if "check" in tried:
-        return {**tried, "passed": False, "line": read.get("line"), "source": ""}
+        line = read.get("line") if "line" in tried else 0  # of a process that has ended nobody knows it
+        return {**tried, "passed": False, "line": line, "source": ""}
     return {**tried, "passed": True, "check": "ok", "message": "", "program": text, "source": read.get("source")}
 
 
@@ -96,6 +96,8 @@ def _done(request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, An
         return try_program(request["program"], values)
     except CodeError as error:
         return {"check": error.check, "message": str(error), "line": error.line}
+    except MemoryError:
+        return {"check": "memory", "message": TOO_MUCH, "line": 0}
 
 
 def _read(reply: str, kind: Kind, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -145,7 +147,7 @@ class _Pool:
             seconds = f"{self._limits.wall_s:g} s"
             message = f"the function did not finish within {seconds}; use tensor operations, not long loops"
             return {"check": "time", "message": message}
-        if ended in (-signal.SIGKILL, _OUT_OF_MEMORY):
+        if ended == -signal.SIGKILL:
             return {"check": "memory", "message": TOO_MUCH}
         return {"check": "crash", "message": "the function ended its process"}
 
@@ -154,16 +156,12 @@ class _Pool:
         ours, its = socket.socketpair()
         process = os.fork()
         if process == 0:
-            code = 1
             try:
                 with open(its.fileno(), "rb", closefd=False) as requests:
                     confine(self._limits, keep=its.fileno())
                     send(its.fileno(), _done(json.loads(requests.readline()), self._values))
-                code = 0
-            except MemoryError:
-                code = _OUT_OF_MEMORY
             finally:
-                os._exit(code)
+                os._exit(0)
         its.close()
         return process, ours.detach()
 

@@ -16,7 +16,7 @@ from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, reads
-from porse.functions.run.shapes import FEW, mixing, shapes_of
+from porse.functions.run.shapes import FEW, makes_pairs, shapes_of
 from porse.functions.verdict import CodeError, words
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
@@ -144,7 +144,7 @@ def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[st
         return ""
     program = function.program
     tensors = {name: values[name] for name in program.variables}
-    if mixing(program, *(shapes_of(program, tensors, few) for few in FEW)) is not None:
+    if makes_pairs(*(shapes_of(program, tensors, few) for few in FEW)):
         raise CodeError(
             "shape",
             f"{mixed} of one environment depends on all others, because a step makes a number for every pair of"

@@ -130,13 +130,10 @@ def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None
         raise CodeError("memory", TOO_MUCH)
 
 
-def mixing(program: Program, few: Shapes, many: Shapes) -> int | None:
-    """Returns the first step that makes something for every pair of environments, by shapes for two numbers of them."""
-    for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
-        for a, b in list(zip(few.values, many.values, strict=True))[made : made + step.makes]:
-            if sum(one != other for one, other in zip(a.shape, b.shape, strict=True)) > 1:
-                return number
-    return None
+def makes_pairs(few: Shapes, more: Shapes) -> bool:
+    """Whether a list makes something for every pair of environments, by its shapes for two numbers of them."""
+    shapes = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
+    return any(sum(one != other for one, other in sizes) > 1 for sizes in shapes)
 
 
 def check_call(op: Operator, arguments: Sequence[Any]) -> None:
