@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from porse.functions.read.limits import Limits
+from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.verdict import Kind, Verdict
 

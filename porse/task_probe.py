@@ -4,13 +4,10 @@ It is the child of a process that needs neither torch nor the simulator, so that
 """
 
 import sys
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from porse.functions.read.probe import serve
 from porse.generation.states import probe_states
-from porse.tasks import find_task
-from porse.variables import Variable
 
 PROBE_ENVS = 16
 """Environments whose states a function is tried on."""
@@ -18,13 +15,11 @@ PROBE_STEPS = 16
 """Control steps of random actions before most of those states."""
 
 
-def _load_task(request: dict[str, Any]) -> tuple[Sequence[Variable], Mapping[str, Any]]:
-    """Returns the variables of the task that the request names, and their values in real states."""
+def _load_task(request: dict[str, Any]) -> dict[str, Any]:
+    """Returns the values of the variables of the task that the request names, in real states."""
     # This process runs in an empty folder; a task of one's own lies where the command was given.
     sys.path.append(request["root"])
-    name = request["task"]
-    variables = find_task(name).VARIABLES
-    return variables, probe_states(name, PROBE_ENVS, PROBE_STEPS, seed=0)
+    return probe_states(request["task"], PROBE_ENVS, PROBE_STEPS, seed=0)
 
 
 if __name__ == "__main__":

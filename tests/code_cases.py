@@ -6,12 +6,11 @@ from typing import Any
 import torch
 
 from porse.functions.read.check import check_source
-from porse.functions.read.sandbox import Sandbox, Submission
 from porse.functions.read.source import parse
 from porse.functions.read.trace import trace
-from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.program import Program
-from porse.functions.verdict import Kind, Verdict
+from porse.functions.verdict import Kind
 from porse.variables import Variable
 
 
@@ -58,7 +57,7 @@ def reward(*body: str, arguments: str = "a, b", result: str = 'x, {"x": x}') -> 
 def traced(source: str, kind: Kind, variables: Sequence[Variable], states: Mapping[str, Any] | None = None) -> Program:
     """Returns the operator list of a source, checked and traced in this process, on drawn states or on some given."""
     parsed = parse(source)
-    check_source(parsed, {v.name: v for v in variables})
+    check_source(parsed, {v.name for v in variables})
     return trace(parsed, kind, states if states is not None else values(16, variables))
 
 
@@ -66,17 +65,11 @@ def compile_reward(
     source: str, variables: Sequence[Variable], portable: bool, states: Mapping[str, Any] | None = None
 ) -> RewardFunction:
     """Returns the reward of a source, traced in this process."""
-    return load_reward(traced(source, "reward", variables, states).text, portable)
+    return RewardFunction(traced(source, "reward", variables, states).text, portable)
 
 
 def compile_mapping(
     source: str, variables: Sequence[Variable], portable: bool, states: Mapping[str, Any] | None = None
 ) -> MappingFunction:
     """Returns the mapping of a source, traced in this process."""
-    return load_mapping(traced(source, "mapping", variables, states).text, portable)
-
-
-def judge(submission: Submission, variables: Sequence[Variable], sandbox: Sandbox) -> tuple[Verdict, str]:
-    """Returns what a sandbox that has the task's states says of a submission."""
-    del variables
-    return sandbox.judge(submission.reply, submission.kind)
+    return MappingFunction(traced(source, "mapping", variables, states).text, portable)

@@ -6,18 +6,16 @@ import pytest
 import torch
 
 from code_attacks import ATTACKS, HARMLESS_LOOKALIKES, TRACER_ATTACKS
-from code_cases import VARIABLES, judge, values
-from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox, Submission
-from porse.functions.read.states import save_states
+from code_cases import values
+from porse.functions.read.confine import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import packed
 
 
 @pytest.fixture(scope="module")
-def sandbox(tmp_path_factory):
-    path = tmp_path_factory.mktemp("states") / "states.safetensors"
-    save_states(path, values())
+def sandbox():
     with Sandbox(Limits(wall_s=2.0, cpu_s=2)) as running:
-        running.load(path, VARIABLES)
+        running.prepare(packed(values()))
         yield running
 
 
@@ -33,7 +31,7 @@ def test_there_are_many():
 def test_attack_is_refused(sandbox, tmp_path, name):
     canary = tmp_path / "canary"
     before = dict(os.environ), torch.get_num_threads(), torch.initial_seed()
-    verdict, source = judge(Submission(ALL[name].replace("CANARY", str(canary)), "reward"), VARIABLES, sandbox)
+    verdict, source = sandbox.judge(ALL[name].replace("CANARY", str(canary)), "reward")
     assert not verdict.passed
     assert not source
     assert verdict.message
@@ -45,6 +43,6 @@ def test_attack_is_refused(sandbox, tmp_path, name):
 def test_text_that_is_never_run_is_only_text(sandbox, tmp_path, name):
     canary = tmp_path / "canary"
     reply = HARMLESS_LOOKALIKES[name].replace("CANARY", str(canary))
-    verdict, _ = judge(Submission(reply, "reward"), VARIABLES, sandbox)
+    verdict, _ = sandbox.judge(reply, "reward")
     assert verdict.passed, verdict
     assert not canary.exists()

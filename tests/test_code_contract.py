@@ -17,10 +17,10 @@ from porse.functions.contract import (
     TORCH_MODULES,
     contract_text,
 )
-from porse.functions.read.limits import Limits
+from porse.functions.read.confine import Limits
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.sandbox import Sandbox
-from porse.functions.read.states import save_states
+from porse.functions.read.states import packed
 from porse.functions.verdict import CodeError
 
 CALLS = """
@@ -75,15 +75,14 @@ def test_every_function_of_a_module_can_be_used(module):
     assert unusable(TORCH_MODULES[module], patterns(CALLS, f"torch.{module}.")) == []
 
 
-def test_every_function_is_compiled_in_a_confined_process_too(tmp_path):
+def test_every_function_is_compiled_in_a_confined_process_too():
     """There no file can be read, and some of torch's functions are compiled from their sources."""
-    save_states(tmp_path / "states.safetensors", values())
     calls = {f"torch.{name}": patterns(CALLS) for name in TORCH_FUNCTIONS}
     calls |= {
         f"torch.{m}.{n}": patterns(CALLS) for m in ("linalg", "special", "nn.functional") for n in TORCH_MODULES[m]
     }
     with Sandbox(Limits()) as sandbox:
-        sandbox.load(tmp_path / "states.safetensors", VARIABLES)
+        sandbox.prepare(packed(values()))
         found = {name: sandbox.judge(usable(name, forms), "reward")[0] for name, forms in sorted(calls.items())}
     assert [(name, verdict) for name, verdict in found.items() if verdict.check in ("static", "type")] == []
 

@@ -7,19 +7,17 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, compile_mapping, compile_reward, reward, values
+from porse.functions.read.confine import Limits
 from porse.functions.read.extract import extract
-from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
-from porse.functions.read.states import save_states
+from porse.functions.read.states import packed
 from porse.functions.verdict import CodeError
 
 
 @pytest.fixture(scope="module")
-def sandbox(tmp_path_factory):
-    path = tmp_path_factory.mktemp("states") / "states.safetensors"
-    save_states(path, values())
+def sandbox():
     with Sandbox(Limits()) as running:
-        running.load(path, VARIABLES)
+        running.prepare(packed(values()))
         yield running
 
 

@@ -7,12 +7,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from code_attacks import ATTACKS
-from code_cases import VARIABLES, compile_reward, judge, reward, values
+from code_cases import VARIABLES, compile_reward, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
+from porse.functions.read.confine import Limits
 from porse.functions.read.extract import Extracted, extract
-from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox, Submission
-from porse.functions.read.states import save_states
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import packed
 from porse.functions.verdict import CodeError
 
 REPLIES = [path.read_bytes().decode() for path in sorted((Path(__file__).parent / "replies").glob("*.md"))]
@@ -141,18 +141,16 @@ def test_compilation_of_any_expression(lines):
 
 
 @pytest.fixture(scope="module")
-def sandbox(tmp_path_factory):
-    path = tmp_path_factory.mktemp("states") / "states.safetensors"
-    save_states(path, values())
+def sandbox():
     with Sandbox(Limits(wall_s=2.0, cpu_s=2)) as running:
-        running.load(path, VARIABLES)
+        running.prepare(packed(values()))
         yield running
 
 
 @settings(SETTINGS, max_examples=40)
 @given(st.one_of(st.lists(_LINES, min_size=1, max_size=3).map(_program), st.sampled_from(sorted(ATTACKS.values()))))
 def test_a_verdict_on_any_program(sandbox, reply):
-    verdict, source = judge(Submission(reply, "reward"), VARIABLES, sandbox)
+    verdict, source = sandbox.judge(reply, "reward")
     assert verdict.passed == (verdict.check == "ok") == bool(source)
     assert verdict.check != "crash"
     assert bool(verdict.message) != verdict.passed

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, traced, values
-from porse.functions.run.execute import load_reward
+from porse.functions.run.execute import RewardFunction
 from porse.functions.verdict import CodeError, words
 
 UNARY = sorted(
@@ -177,7 +177,7 @@ def differ(source):
             traced(source, "reward", VARIABLES)
         return ""
     text = traced(source, "reward", VARIABLES).text
-    functions = [load_reward(text, portable) for portable in (False, True)]
+    functions = [RewardFunction(text, portable) for portable in (False, True)]
     for rows, seed in ((16, 0), (7, 1), (130, 2)):
         states = values(rows, seed=seed)
         expected = in_python(source, states)

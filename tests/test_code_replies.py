@@ -14,8 +14,8 @@ import torch
 
 from code_cases import compile_mapping, compile_reward
 from porse.functions.contract import FUNCTION_NAMES
+from porse.functions.read.confine import Limits
 from porse.functions.read.extract import extract
-from porse.functions.read.limits import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.sim import rotations
 from porse.tasks import make_task

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from code_cases import VARIABLES, compile_mapping, compile_reward, reward, traced, values
-from porse.functions.run.execute import load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import operator
 from porse.functions.run.program import Register, Rows, Share, read_program
 from porse.functions.verdict import CodeError
@@ -39,13 +39,12 @@ def test_its_text_is_the_same_for_the_same_function_and_tells_another():
     text = traced(SOURCE, "reward", VARIABLES).text
     assert text == traced(SOURCE.replace("up", "weights"), "reward", VARIABLES).text == read_program(text).text
     other = traced(SOURCE.replace("-0.5", "-0.25"), "reward", VARIABLES)
-    assert other.identity != read_program(text).identity
-    assert len(other.identity) == 64
+    assert other.text != text
 
 
 @BOTH
 def test_a_list_holds_for_any_number_of_environments(portable):
-    function = load_reward(traced(SOURCE, "reward", VARIABLES).text, portable)
+    function = RewardFunction(traced(SOURCE, "reward", VARIABLES).text, portable)
     for rows in (1, 2, 3, 7, 16, 500, 16):
         states = values(rows, seed=rows)
         total, components = function(states)
@@ -77,7 +76,7 @@ def test_special_numbers_types_and_keywords_come_back():
     text = traced(source, "reward", VARIABLES).text
     assert '{"f":"inf"}' in text
     assert '{"t":"float64"}' in text
-    assert load_reward(text, True)(values())[0].dtype is torch.float32
+    assert RewardFunction(text, True)(values())[0].dtype is torch.float32
 
 
 def held(**changes):
@@ -162,7 +161,7 @@ HOSTILE = {
 
 def test_the_list_that_the_hostile_ones_are_made_of_is_sound():
     states = values()
-    total, components = load_reward(canonical_json(held()), True)(states)
+    total, components = RewardFunction(canonical_json(held()), True)(states)
     assert torch.equal(total, components["x"])
     torch.testing.assert_close(total, states["a"] @ torch.tensor([1.0, 2.0, 3.0]))
 
@@ -173,7 +172,7 @@ def test_a_hostile_list_is_refused_and_changes_nothing(name, tmp_path):
     before = {key: value.clone() for key, value in states.items() if isinstance(value, torch.Tensor)}
     environment = dict(os.environ), torch.get_num_threads(), torch.initial_seed()
     with pytest.raises(CodeError):
-        load_reward(HOSTILE[name].replace("CANARY", str(canary)), True)(states)
+        RewardFunction(HOSTILE[name].replace("CANARY", str(canary)), True)(states)
     assert not canary.exists()
     assert all(torch.equal(states[key], value) for key, value in before.items())
     assert environment == (dict(os.environ), torch.get_num_threads(), torch.initial_seed())
@@ -181,7 +180,7 @@ def test_a_hostile_list_is_refused_and_changes_nothing(name, tmp_path):
 
 def test_a_mapping_is_no_reward():
     with pytest.raises(CodeError, match="the operator list of a mapping"):
-        load_mapping(canonical_json(held()), False)
+        MappingFunction(canonical_json(held()), False)
 
 
 def test_no_operator_writes_elsewhere_than_over_its_first_argument_or_draws_numbers():

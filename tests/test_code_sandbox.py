@@ -10,10 +10,10 @@ import time
 
 import pytest
 
-from code_cases import VARIABLES, reward, values
-from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import ProbeError, Sandbox, Submission, validate
-from porse.functions.read.states import save_states
+from code_cases import reward, values
+from porse.functions.read.confine import Limits
+from porse.functions.read.sandbox import ProbeError, Sandbox
+from porse.functions.read.states import packed
 
 GOOD = reward("x = a[:, 0] + b[:, 0]")
 SLOW = reward(
@@ -26,22 +26,16 @@ LARGE = reward("x = a[:, 0] + torch.zeros(a.shape[0], 300, 3000).sum()")
 
 
 @pytest.fixture(scope="module")
-def states(tmp_path_factory):
-    path = tmp_path_factory.mktemp("states") / "states.safetensors"
-    save_states(path, values())
-    return path
-
-
-@pytest.fixture(scope="module")
-def sandbox(states):
+def sandbox():
     with Sandbox(Limits(wall_s=30.0, cpu_s=1)) as running:
-        running.load(states, VARIABLES)
+        running.prepare(packed(values()))
         yield running
 
 
-def test_one_call_judges_all_in_order_and_a_bad_one_spoils_no_other(states):
-    replies = [GOOD, SLOW, GOOD, "no code", LARGE, GOOD]
-    found = validate([Submission(reply, "reward") for reply in replies], VARIABLES, states, Limits(wall_s=1.0))
+def test_a_bad_function_spoils_no_other():
+    with Sandbox(Limits(wall_s=1.0)) as running:
+        running.prepare(packed(values()))
+        found = [running.judge(reply, "reward") for reply in (GOOD, SLOW, GOOD, "no code", LARGE, GOOD)]
     assert [verdict.check for verdict, _ in found] == ["ok", "time", "ok", "extract", "memory", "ok"]
     assert [bool(source) for _, source in found] == [True, False, True, False, False, True]
 
@@ -62,11 +56,10 @@ def test_further_functions_take_a_fraction_of_a_second(sandbox):
     assert (time.perf_counter() - started) / 5 < 0.5  # 0.03 on an idle machine
 
 
-def test_states_that_lack_a_variable_are_an_error_that_names_it(sandbox, states, tmp_path):
-    save_states(tmp_path / "states.safetensors", {name: value for name, value in values().items() if name != "q"})
-    with pytest.raises(ProbeError, match="expected the variable q"):
-        sandbox.load(tmp_path / "states.safetensors", VARIABLES)
-    sandbox.load(states, VARIABLES)
+def test_states_that_cannot_be_read_are_an_error(sandbox):
+    with pytest.raises(ProbeError, match="Error while deserializing"):
+        sandbox.prepare(packed(values()) | {"tensors": ""})
+    sandbox.prepare(packed(values()))
 
 
 def test_a_child_that_is_killed_is_replaced(sandbox):
@@ -76,10 +69,10 @@ def test_a_child_that_is_killed_is_replaced(sandbox):
     assert sandbox.judge(GOOD, "reward")[0].passed
 
 
-def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, monkeypatch):
+def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(monkeypatch):
     monkeypatch.setenv("PORSE_SECRET", "canary")
     with Sandbox(Limits()) as running:
-        running.load(states, VARIABLES)
+        running.prepare(packed(values()))
         process, folder = running._process, running._folder
         with open(f"/proc/{process.pid}/environ", "rb") as file:
             assert b"canary" not in file.read()
@@ -92,8 +85,7 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(states, 
 
 _ESCAPES = """
     import json, os, socket, sys
-    from porse.functions.read.confine import confine
-    from porse.functions.read.limits import Limits
+    from porse.functions.read.confine import Limits, confine
 
     secret = os.open("/etc/hostname", os.O_RDONLY)
     read_end, write_end = os.pipe()

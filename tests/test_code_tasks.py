@@ -4,10 +4,10 @@ from itertools import cycle
 
 import pytest
 
-from code_cases import judge, values
-from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox, Submission
-from porse.functions.read.states import save_states
+from code_cases import values
+from porse.functions.read.confine import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import packed
 from porse.tasks import TASKS
 
 REWARDS = [
@@ -72,11 +72,8 @@ def functions(task, count):
 def refused(sandbox, folder, task, count):
     """Returns how many functions were judged, and those that were refused with their verdicts."""
     variables = TASKS[task].VARIABLES
-    save_states(folder / task, values(32, variables))
-    sandbox.load(folder / task, variables)
-    judged = [
-        (source, judge(Submission(source, kind), variables, sandbox)[0]) for source, kind in functions(task, count)
-    ]
+    sandbox.prepare(packed(values(32, variables)))
+    judged = [(source, sandbox.judge(source, kind)[0]) for source, kind in functions(task, count)]
     return len(judged), [(task, source, verdict) for source, verdict in judged if not verdict.passed]
 
 

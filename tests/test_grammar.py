@@ -7,11 +7,11 @@ import re
 import pytest
 import torch
 
-from code_cases import compile_mapping, compile_reward, judge
+from code_cases import compile_mapping, compile_reward
 from porse.errors import TaskError
-from porse.functions.read.limits import Limits
-from porse.functions.read.sandbox import Sandbox, Submission
-from porse.functions.read.states import save_states
+from porse.functions.read.confine import Limits
+from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.states import packed
 from porse.generation.grammar import mapping_text, reward_text, spliced_mapping_text, values_text
 from porse.generation.grammar_rules import measures, role
 from porse.generation.states import probe_states
@@ -69,13 +69,12 @@ def refused(sandbox, folder, params, task, seeds, envs, steps):
     """Returns how many functions were tried, and those that were refused or do not change on real states."""
     variables = TASKS[task].VARIABLES
     states = probe_states(task, envs, steps, params.seed)
-    save_states(folder / task, states)
-    sandbox.load(folder / task, variables)
+    sandbox.prepare(packed(states))
     tried, bad = 0, []
     for write, kind in FUNCTIONS.items():
         for seed in seeds:
             tried += 1
-            verdict, code = judge(Submission(write(variables, seed), kind), variables, sandbox)
+            verdict, code = sandbox.judge(write(variables, seed), kind)
             if not verdict.passed:
                 bad.append((task, write.__name__, seed, verdict))
                 continue

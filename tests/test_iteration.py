@@ -10,11 +10,12 @@ import yaml
 from click.testing import CliRunner
 
 from at_once import outputs
-from porse import iteration
+from porse import iteration, tables
 from porse.cli import main
 from porse.config import Iteration, parse_params
+from porse.functions.verdict import Verdict
 from porse.generation import states
-from porse.generation.functions import Attempt
+from porse.generation.functions import Attempt, NoFunctionLeft
 from porse.iteration import OUTPUTS, Place
 from porse.llm.request import Reply
 from tiny import committed_params
@@ -137,6 +138,23 @@ def test_one_process_tries_all_functions_and_ends_with_the_block(monkeypatch):
         process = opened[0]._process.pid
         assert Path(f"/proc/{process}").exists()
     assert not Path(f"/proc/{process}").exists()
+
+
+def test_a_run_that_ends_for_want_of_functions_leaves_all_verdicts(root, tmp_path):
+    asked: list[Attempt] = []
+
+    def refused(attempts):
+        asked.extend(attempts)
+        return [(Verdict(False, "shape", f"wrong in {len(asked)}", 3), "") for _ in attempts]
+
+    params = parse_params(short_params(), "a test")
+    with pytest.raises(NoFunctionLeft, match="expected a usable reward function for slot 0 of iteration 1"):
+        iteration.run(params, Place(tmp_path, root / "prompts", tmp_path / "none"), refused, lambda _: None)
+    left = tmp_path / "run" / "1" / "validate-code"
+    verdicts = tables.read(left / "verdicts.parquet", tables.VERDICTS)
+    found = sorted((row["kind"], row["slot"], row["attempt"], row["check"]) for row in verdicts)
+    assert found == sorted((attempt.kind, attempt.slot, attempt.number, "shape") for attempt in asked)
+    assert len(tables.read(left / "replies.parquet", tables.REPLIES)) == len(verdicts) > 4
 
 
 def test_a_heavy_library_is_imported_by_no_step_that_does_without_it():

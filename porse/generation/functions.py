@@ -99,6 +99,18 @@ class Checked:
     functions: list[Function]
 
 
+class NoFunctionLeft(SearchError):
+    """A slot has no attempt left.
+
+    Attributes:
+        attempts: every attempt of all slots so far, with its verdict.
+    """
+
+    def __init__(self, message: str, attempts: list[tuple[Attempt, Verdict]]) -> None:
+        super().__init__(message)
+        self.attempts = attempts
+
+
 def checked_functions(
     attempts: Sequence[Attempt],
     check: Check,
@@ -110,7 +122,7 @@ def checked_functions(
     """Returns one function that passed for every slot of `attempts`, repairing and replacing those that did not.
 
     Raises:
-        SearchError: a slot has no attempt left.
+        NoFunctionLeft: a slot has no attempt left.
     """
     tried: list[tuple[Attempt, Verdict]] = []
     passed: list[Function] = []
@@ -123,6 +135,8 @@ def checked_functions(
                 passed.append(Function(attempt.kind, attempt.slot, attempt.reply.key, source, verdict.program))
             else:
                 broken.append((attempt, verdict))
+        for attempt, verdict in broken:
+            _check_any_left(attempt, verdict, tried, params, iteration)
         open_attempts = _next_attempts(broken, brief, params, iteration, cache)
     return Checked(tried, passed)
 
@@ -132,7 +146,7 @@ def _next_attempts(
 ) -> list[Attempt]:
     """Asks for a repair of each broken attempt, or for a fresh reply where its repairs are used up."""
     numbers = [attempt.number + 1 for attempt, _ in broken]
-    asked = [_next_messages(attempt, verdict, brief, params, iteration) for attempt, verdict in broken]
+    asked = [_next_messages(attempt, verdict, brief, params) for attempt, verdict in broken]
     questions = [
         _question(
             params,
@@ -149,15 +163,17 @@ def _next_attempts(
     ]
 
 
-def _next_messages(
-    attempt: Attempt, verdict: Verdict, brief: Brief, params: Params, iteration: int
-) -> tuple[Message, ...]:
+def _check_any_left(
+    attempt: Attempt, verdict: Verdict, tried: list[tuple[Attempt, Verdict]], params: Params, iteration: int
+) -> None:
     number = attempt.number + 1
     if _generation(number, params) > params.validate.max_fresh:
-        raise SearchError(
-            f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message.rstrip('.')}. Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
-        )
-    if number % (params.validate.max_repairs + 1) == 0:
+        message = f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message.rstrip('.')}. Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
+        raise NoFunctionLeft(message, tried)
+
+
+def _next_messages(attempt: Attempt, verdict: Verdict, brief: Brief, params: Params) -> tuple[Message, ...]:
+    if (attempt.number + 1) % (params.validate.max_repairs + 1) == 0:
         return conversation(brief, attempt.kind, attempt.slot)
     return repair(attempt.asked, attempt.reply.text, verdict, brief.prompts)
 

@@ -1,22 +1,20 @@
 """Real states of the run's task, for trying functions on, and the checker that uses them."""
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from porse.config import Params
-from porse.functions.read.limits import Limits
+from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import Sandbox
-from porse.functions.read.states import save_states
+from porse.functions.read.states import packed
 from porse.functions.verdict import Verdict
 from porse.generation.functions import Attempt, Check
 from porse.identity import seed_for
-from porse.tasks import find_task, make_task
+from porse.tasks import make_task
 
 
 def probe_states(task_name: str, num_envs: int, steps: int, seed: int) -> dict[str, Any]:
@@ -47,7 +45,6 @@ def checker(params: Params) -> Iterator[Check]:
 
     One confined process serves all that is checked while the block runs. It starts when it is first needed.
     """
-    variables = find_task(params.task).VARIABLES
     sandbox: Sandbox | None = None
     with ExitStack() as opened:
 
@@ -56,12 +53,10 @@ def checker(params: Params) -> Iterator[Check]:
             if not attempts:
                 return []
             if sandbox is None:
-                states = Path(opened.enter_context(tempfile.TemporaryDirectory())) / "states.safetensors"
                 # It loads torch while the states are made.
                 sandbox = opened.enter_context(Sandbox(Limits()))
                 probe, seed = params.validate, seed_for(params.seed, "probe")
-                save_states(states, probe_states(params.task, probe.probe_envs, probe.probe_steps, seed))
-                sandbox.load(states, variables)
+                sandbox.prepare(packed(probe_states(params.task, probe.probe_envs, probe.probe_steps, seed)))
             return [sandbox.judge(attempt.reply.text, attempt.kind) for attempt in attempts]
 
         yield check

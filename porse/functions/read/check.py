@@ -7,15 +7,14 @@ out what would reach for the inside of objects, and tells a model early and at t
 import ast
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 from typing import NoReturn
 
 from porse.functions.contract import ATTRIBUTES, BUILTINS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
-from porse.functions.read.allowed import ERRORS, is_module, offered
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import Source, arguments, is_class, takes_self
+from porse.functions.read.runnable import ERRORS, is_module, offered
+from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import Check, CodeError, words
-from porse.variables import Variable
 
 _PLAIN = (
     ast.Return, ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Pass, ast.Break, ast.Continue, ast.Assert, ast.Delete,
@@ -38,8 +37,8 @@ _KEYWORDS = words("out names generator pin_memory memory_format layout")
 _ANNOTATION = (ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.List, ast.BinOp, ast.Constant)
 
 
-def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
-    """Holds all of a source against the allow-list.
+def check_source(source: Source, variables: Collection[str]) -> None:
+    """Holds all of a source against the allow-list, and of the task's variables.
 
     Raises:
         CodeError: something is not on the list; checks "static", "variable" and "device".
@@ -49,7 +48,7 @@ def check_source(source: Source, variables: Mapping[str, Variable]) -> None:
         _refuse("arguments with * or ** are not allowed; name the variables", source.main)
     required = {name for name, default in arguments(source.main).items() if default is None} - {"self"}
     for argument in ast.walk(given):
-        if isinstance(argument, ast.arg) and argument.arg in required - variables.keys():
+        if isinstance(argument, ast.arg) and argument.arg in required.difference(variables):
             raise _unknown_variable(argument.arg, variables, argument.lineno)
     for statement in source.tree.body:
         _Visitor(source, variables, statement).visit(statement)
@@ -64,7 +63,7 @@ def _nearest(name: str, known: Iterable[str]) -> str:
     return ", ".join(difflib.get_close_matches(name, sorted(known), n=4, cutoff=0.5))
 
 
-def _unknown_variable(name: str, variables: Mapping[str, Variable], line: int) -> CodeError:
+def _unknown_variable(name: str, variables: Collection[str], line: int) -> CodeError:
     """Returns the error for a name that the task does not offer."""
     near = _nearest(name, variables)
     hint = f"the nearest are {near}" if near else f"it offers {', '.join(sorted(variables))}"
@@ -89,11 +88,12 @@ def _check_annotation(node: ast.expr | None) -> None:
 class _Visitor(ast.NodeVisitor):
     """Walks a constant or a function, those in it included."""
 
-    def __init__(self, source: Source, variables: Mapping[str, Variable], statement: ast.stmt) -> None:
+    def __init__(self, source: Source, variables: Collection[str], statement: ast.stmt) -> None:
         self._source = source
         self._variables = variables
         self._has_self = isinstance(statement, ast.FunctionDef) and takes_self(statement)
         self._own = {function.name for function in source.functions} | source.constants
+        self._classes = source.classes if len(self._own) > 1 else set[str]()
         self._local: set[str] = set()
         for node in ast.walk(statement):
             match node:
@@ -170,10 +170,7 @@ class _Visitor(ast.NodeVisitor):
             _refuse(f"the module {name} stands alone; name a function of it", node)
         elif path:
             self._check_path(path, node)
-        elif not (
-            name in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr"}
-            or (is_class(node) and len(self._own) > 1)
-        ):
+        elif name not in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr", *self._classes}:
             near = _nearest(name, {*self._variables, *self._local, *BUILTINS, *HELPERS})
             hint = f"; the nearest known names are {near}" if near else ""
             _refuse(f"the name {name} is not defined and not allowed{hint}", node, "variable")

@@ -11,9 +11,8 @@ import platform
 import resource
 import signal
 import struct
+from dataclasses import dataclass
 from typing import Literal
-
-from porse.functions.read.limits import Limits
 
 # Numbers of the kernel's, from its headers.
 _CLONE_NEWNET, _CLONE_NEWUSER = 0x40000000, 0x10000000
@@ -27,6 +26,23 @@ _CALLS = {
     "aarch64": (63, 64, 57, 80, 62, 222, 226, 215, 214, 134, 135, 139, 124, 216, 233, 172, 93, 178, 98, 113, 115, 94, 278,
                 128, 132, 165, 123),
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the probe of one function; they decide verdicts, never results.
+
+    Attributes:
+        wall_s: seconds of wall-clock time for compiling and probing one function, then it is killed.
+        cpu_s: seconds of processor time for the same.
+        memory_mib: address space that one function may take beyond what the probe holds, in MiB.
+        startup_s: seconds of wall-clock time for starting the child process, which loads torch.
+    """
+
+    wall_s: float = 10.0
+    cpu_s: int = 8
+    memory_mib: int = 1024
+    startup_s: float = 120.0
 
 
 class _Program(ctypes.Structure):

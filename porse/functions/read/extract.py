@@ -12,22 +12,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from porse.functions.contract import (
-    FUNCTION_NAMES,
-    HELPERS,
-    MAX_REPLY_CHARACTERS,
-    MAX_SOURCE_LINES,
-    NAME_PATTERN,
-)
+from porse.functions.contract import FUNCTION_NAMES, HELPERS, MAX_REPLY_CHARACTERS, MAX_SOURCE_LINES, NAME_PATTERN
 from porse.functions.read.scan import Block, blocks, plain_lines, unwrapped
-from porse.functions.read.source import (
-    DEFAULT_MODULES,
-    Import,
-    arguments,
-    constant_of,
-    import_names,
-    is_constant,
-)
+from porse.functions.read.source import DEFAULT_MODULES, Import, arguments, constant_of, import_names, is_constant
 from porse.functions.verdict import CodeError, Kind, words
 
 _DECORATORS = re.compile(

@@ -1,4 +1,4 @@
-"""Messages between the processes of a probe: one line of JSON each, through pipes that what comes out of is not trusted."""
+"""Messages between the processes of a probe: one line of JSON each."""
 
 import contextlib
 import json
@@ -19,7 +19,7 @@ def send(pipe: int, message: Mapping[str, Any]) -> None:
 
 
 def receive(pipe: int, wall_s: float) -> dict[str, Any]:
-    """Returns the next message, {} when the pipe ends before, or holds something else.
+    """Returns the next message of who is not trusted, {} when the pipe ends before, or holds something else.
 
     Raises:
         TimeoutError: no message came in time.

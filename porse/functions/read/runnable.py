@@ -8,6 +8,7 @@ import __future__
 
 import ast
 import builtins
+import math
 import operator
 import sys
 import warnings
@@ -18,11 +19,62 @@ from typing import Any
 import torch
 from torch.overrides import TorchFunctionMode
 
-from porse.functions.contract import BUILTINS, ROOT_INDICES
-from porse.functions.read.allowed import ERRORS, offered
+from porse.functions.contract import (
+    BUILTINS,
+    MATH_NAMES,
+    NUMPY_NAMES,
+    ROOT_INDICES,
+    TORCH_CONSTANTS,
+    TORCH_FUNCTIONS,
+    TORCH_MODULES,
+)
 from porse.functions.read.prelude import HELPERS_IN_SCOPE
-from porse.functions.read.source import Source, arguments, is_class, takes_self
-from porse.functions.verdict import CodeError
+from porse.functions.read.source import Source, arguments, takes_self
+from porse.functions.verdict import CodeError, words
+
+ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
+"""What may be raised."""
+
+
+def offered(path: str) -> Any:
+    """Returns what stands for a dotted path, a namespace for a module; None where it is not offered."""
+    found: Any = _MODULES
+    for name in path.split("."):
+        found = vars(found).get(name) if is_module(found) else None
+    return found
+
+
+def is_module(found: Any) -> bool:
+    """Whether what is offered is a module: only the names in it are of use."""
+    return isinstance(found, SimpleNamespace)
+
+
+def _names(owner: Any, names: frozenset[str], **inner: SimpleNamespace) -> SimpleNamespace:
+    return SimpleNamespace(**{name: getattr(owner, name) for name in names if hasattr(owner, name)}, **inner)
+
+
+def _of_numpy(path: str) -> Any:
+    """Returns a constant of numpy's, or a function of numbers that takes tensors as well where torch has one."""
+    module, _, name = path.rpartition(".")
+    of_numbers = getattr(math if module else builtins, name)
+    of_tensors = getattr(torch, name, None)
+    if not callable(of_numbers) or of_tensors is None:
+        return of_numbers
+    return lambda *given: (of_tensors if isinstance(given[0], torch.Tensor) else of_numbers)(*given)
+
+
+_MODULES = SimpleNamespace(
+    torch=_names(
+        torch,
+        TORCH_FUNCTIONS | TORCH_CONSTANTS,
+        linalg=_names(torch.linalg, TORCH_MODULES["linalg"]),
+        special=_names(torch.special, TORCH_MODULES["special"]),
+        nn=SimpleNamespace(functional=_names(torch.nn.functional, TORCH_MODULES["nn.functional"])),
+    ),
+    math=_names(math, MATH_NAMES),
+    numpy=SimpleNamespace(**{name: _of_numpy(path) for name, path in NUMPY_NAMES.items()}),
+)
+
 
 FILE = "<function>"
 """What Python calls the source in its tracebacks."""
@@ -98,9 +150,7 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     """
     values = {name: _Root(value) if name in ROOT_INDICES else value for name, value in values.items()}
     own = _Holder(**HELPERS_IN_SCOPE | values)
-    space: dict[str, Any] = {
-        node.id: own for node in ast.walk(source.tree) if isinstance(node, ast.Name) and is_class(node)
-    }
+    space: dict[str, Any] = dict.fromkeys(source.classes, own)
     space |= {**vars(own), **{name: offered(path) for name, path in source.modules.items()}}
     space["__builtins__"] = {name: getattr(builtins, name) for name in BUILTINS | ERRORS} | {
         "print": lambda *parts, **more: None,

@@ -6,29 +6,20 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 from typing import Any, get_args
 
 from porse.errors import PorseError
-from porse.functions.read.limits import Limits
+from porse.functions.read.confine import Limits
 from porse.functions.read.messages import receive, send
 from porse.functions.verdict import Check, Kind, Verdict
 from porse.numerics import ENVIRONMENT
-from porse.variables import Variable
 
 _LARGE_PAGES = {"PYTHONMALLOC": "malloc", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 """Python's memory from the C library, and that in pages of 2 MiB: a fork then takes a third of the time."""
-
-
-@dataclass(frozen=True)
-class Submission:
-    """A model's whole reply, and the kind of function that it should hold."""
-
-    reply: str
-    kind: Kind
 
 
 class ProbeError(PorseError):
@@ -71,14 +62,6 @@ class Sandbox(contextlib.ExitStack):
         """Ends the child process and all that it started."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-
-    def load(self, states: Path, variables: Sequence[Variable]) -> None:
-        """Makes the child read real states of a task from a file; waits until it has.
-
-        Raises:
-            ProbeError: the child did not start, or cannot read the file.
-        """
-        self.prepare({"states": str(states.resolve()), "variables": [asdict(variable) for variable in variables]})
 
     def prepare(self, request: dict[str, Any]) -> None:
         """Makes the child get its states as its program does.
@@ -127,23 +110,3 @@ def _verdict(found: Mapping[str, Any]) -> Verdict:
         warning=str(found.get("warning", ""))[:4000],
         program=str(found.get("program", "")),
     )
-
-
-def validate(
-    submissions: Sequence[Submission], variables: Sequence[Variable], states: Path, limits: Limits
-) -> list[tuple[Verdict, str]]:
-    """Returns for each submission, in order, its verdict and its normalised source, "" when it did not pass.
-
-    One child process serves all submissions, each in processes of its own that end with it.
-
-    Args:
-        submissions: the replies.
-        variables: what the task offers.
-        states: real states of the task, written by `save_states`.
-        limits: what one function may use.
-    """
-    if not submissions:
-        return []
-    with Sandbox(limits) as sandbox:
-        sandbox.load(states, variables)
-        return [sandbox.judge(submission.reply, submission.kind) for submission in submissions]

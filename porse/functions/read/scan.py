@@ -1,7 +1,6 @@
 """A reply to plain lines, and lines to blocks by indentation and brackets: functions, and statements beside them."""
 
 import ast
-import contextlib
 import html
 import json
 import re
@@ -13,11 +12,11 @@ from porse.functions.verdict import CodeError
 
 _FENCE = re.compile(r"\s*(`{3,}|~{3,})")
 _DEF = re.compile(r"(\s*)(async\s+)?def\s+(\w+)\s*\(")
-_TOKEN = re.compile(r"\"\"\"|'''|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|#.*|[()\[\]{}]")
+_OPEN = re.compile("was never closed|unterminated triple-quoted")
+"""What Python says of a text that goes on."""
 _THINKING = r"(think|thinking|reasoning)>"
 
 _MAX_STATEMENT_LINES = 60
-_MAX_STATEMENT_CHARACTERS = 4000
 
 
 @dataclass(frozen=True)
@@ -98,83 +97,53 @@ def blocks(lines: list[str]) -> Iterator[Block]:
 
 
 def _function(lines: list[str], start: int, match: re.Match[str], region: int) -> Block:
+    """Returns the function that begins on a line and ends where its indentation does, but not while something is open."""
     indent = len(match[1])
-    end = _end(lines, start, indent)
-    text = tuple(line[min(indent, _depth(line)) :] for line in lines[start:end])
-    numbers = tuple(range(start + 1, end + 1))
-    tree, error = None, None
-    try:
-        body = parse_source("\n".join(text)).body
-        if len(body) == 1 and isinstance(body[0], ast.FunctionDef):
-            tree = body[0]
-        else:
-            error = CodeError("syntax", "expected one plain function", numbers[0])
-    except CodeError as found:
-        error = CodeError("syntax", str(found), numbers[min(max(found.line, 1), len(numbers)) - 1])
+    end, tree, error = start, None, None
+    for _ in range(_MAX_STATEMENT_LINES):
+        end = _end(lines, end + 1, indent)
+        text = tuple(line[min(indent, _depth(line)) :] for line in lines[start:end])
+        numbers = tuple(range(start + 1, end + 1))
+        try:
+            body = parse_source("\n".join(text)).body
+            tree = body[0] if len(body) == 1 and isinstance(body[0], ast.FunctionDef) else None
+            error = None if tree else CodeError("syntax", "expected one plain function", numbers[0])
+        except CodeError as found:
+            error = CodeError("syntax", str(found), numbers[min(max(found.line, 1), len(numbers)) - 1])
+        if error is None or not _OPEN.search(str(error)) or end == len(lines) or _FENCE.match(lines[end]):
+            break
     return Block(match[3], text, numbers, region, tree, error, tuple(_decorators(lines, start)))
+
+
+def _end(lines: list[str], after: int, indent: int) -> int:
+    """Returns the index after the last line, from one on, that is indented deeper, which a fence ends too."""
+    end = after
+    for index, line in enumerate(lines[after:], start=after):
+        if line.strip() and _depth(line) > indent and not _FENCE.match(line):
+            end = index + 1
+        elif line.strip() and not line.lstrip().startswith("#"):
+            break
+    return end
 
 
 def _statement(lines: list[str], start: int, region: int) -> Block | None:
     """Returns the statement that begins on a line and ends where its brackets do, None for prose."""
     if not lines[start].strip() or lines[start].strip().startswith(("#", "@")):
         return None
-    for text in (_bracketed(lines, start), (lines[start].strip(),)):
-        written = "\n".join(text)
-        with contextlib.suppress(CodeError):
-            body = parse_source(written).body if len(written) <= _MAX_STATEMENT_CHARACTERS else []
-            if len(body) == 1:
-                return Block("", text, tuple(range(start + 1, start + 1 + len(text))), region, body[0])
+    for end in range(start + 1, min(start + _MAX_STATEMENT_LINES, len(lines)) + 1):
+        text = tuple(line.strip() for line in lines[start:end])
+        try:
+            body = parse_source("\n".join(text)).body
+        except CodeError as error:
+            if "was never closed" in str(error):
+                continue
+            return None
+        return Block("", text, tuple(range(start + 1, end + 1)), region, body[0]) if len(body) == 1 else None
     return None
 
 
 def _depth(line: str) -> int:
     return len(line) - len(line.lstrip())
-
-
-def _end(lines: list[str], start: int, indent: int) -> int:
-    """Returns the index after the last line of the function that starts at `start`."""
-    depth, quote, end = 0, "", start + 1
-    for index, line in enumerate(lines[start:], start=start):
-        is_blank = not line.strip() or line.lstrip().startswith("#")
-        goes_on = depth > 0 or quote or _depth(line) > indent
-        if index > start and (_FENCE.match(line) or not (goes_on or is_blank)):
-            break
-        depth, quote = _advance(line, depth, quote)
-        if line.strip() and (goes_on or not is_blank):
-            end = index + 1
-    return end
-
-
-def _bracketed(lines: list[str], start: int) -> tuple[str, ...]:
-    """Returns the line at index `start`, stripped, and those after it until its brackets are closed; few at most."""
-    depth, quote, block = 0, "", []
-    for line in lines[start : start + _MAX_STATEMENT_LINES]:
-        block.append(line.strip())
-        depth, quote = _advance(line, depth, quote)
-        if not depth or quote:
-            break
-    return tuple(block)
-
-
-def _advance(line: str, depth: int, quote: str) -> tuple[int, str]:
-    """Returns bracket depth and open triple quote after `line`."""
-    position = 0
-    while True:
-        if quote:
-            close = line.find(quote, position)
-            if close < 0:
-                return depth, quote
-            position, quote = close + 3, ""
-        match = _TOKEN.search(line, position)
-        if match is None:
-            return depth, quote
-        position, token = match.end(), match[0]
-        if token in ('"""', "'''"):
-            quote = token
-        elif token in "([{":
-            depth += 1
-        elif token in ")]}":
-            depth = max(depth - 1, 0)
 
 
 def _decorators(lines: list[str], index: int) -> list[tuple[int, str]]:

@@ -31,12 +31,14 @@ class Source:
         functions: the functions.
         constants: the names of the module's and the classes' constants.
         modules: dotted path for each name that stands for a module or for something imported from one.
+        classes: the names that are read as classes.
     """
 
     tree: ast.Module
     functions: list[ast.FunctionDef]
     constants: set[str]
     modules: dict[str, str]
+    classes: set[str]
 
     @property
     def main(self) -> ast.FunctionDef:
@@ -102,11 +104,13 @@ def parse(text: str) -> Source:
     functions = [node for node in body if isinstance(node, ast.FunctionDef)]
     if not functions:
         raise CodeError("extract", "expected a function, found none")
-    modules = dict(DEFAULT_MODULES)
+    modules, classes = dict(DEFAULT_MODULES), set[str]()
     for inner in ast.walk(tree):
         if isinstance(inner, Import):
             modules.update(import_names(inner))
-    return Source(ast.Module(body, []), functions, constants, modules)
+        elif isinstance(inner, ast.Name) and is_class(inner):
+            classes.add(inner.id)
+    return Source(ast.Module(body, []), functions, constants, modules, classes)
 
 
 def constant_of(node: ast.stmt | None) -> tuple[str, ast.expr | None]:

@@ -1,48 +1,32 @@
-"""Real states of a task in a file: safetensors for the tensors, its JSON metadata for plain values.
+"""Real states of a task, as a message holds them, and of as many environments as are wanted."""
 
-Written once by the stage that validates, read by the probe. The same values give the same bytes.
-"""
-
-import json
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
 from typing import Any
 
 import torch
-from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load, save
 from torch import Tensor
 
-from porse.errors import TaskError
-from porse.identity import canonical_json
-from porse.variables import Variable
+
+def packed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the values of all variables of a task as JSON: plain values by name, and safetensors for the tensors."""
+    tensors = {name: value.contiguous() for name, value in values.items() if isinstance(value, Tensor)}
+    plain = {name: str(value) if isinstance(value, torch.device) else value for name, value in values.items()}
+    return {"plain": plain | dict.fromkeys(tensors), "tensors": b64encode(save(tensors)).decode()}
 
 
-def save_states(path: Path, values: Mapping[str, Tensor | int | float | tuple[int, ...] | torch.device]) -> None:
-    """Writes the values of all variables of a task, tensors of shape (num_envs, ...); the device is always the CPU."""
-    tensors = {name: value.detach().cpu().contiguous() for name, value in values.items() if isinstance(value, Tensor)}
-    scalars = {name: value for name, value in values.items() if isinstance(value, int | float | tuple)}
-    save_file(tensors, path, metadata={"scalars": canonical_json(scalars)})
+def unpacked(held: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what `packed` was given, in its order."""
+    plain = {name: _plain(value) for name, value in held["plain"].items()}
+    return plain | load(b64decode(held["tensors"]))
 
 
-def load_states(path: Path, variables: Sequence[Variable]) -> dict[str, Any]:
-    """Returns the value of each variable by name, on the CPU.
-
-    Raises:
-        TaskError: a declared variable is not in the file.
-    """
-    with safe_open(path, framework="pt", device="cpu") as file:
-        found: dict[str, Any] = json.loads((file.metadata() or {}).get("scalars", "{}"))
-        found = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
-        found |= {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (safe_open is no mapping)
-    devices = {v.name: torch.device("cpu") for v in variables if v.kind == "device"}
-    for variable in variables:
-        if variable.name not in found and variable.name not in devices:
-            raise TaskError(
-                f"expected the variable {variable.name} in the states file {path.name}, found"
-                f" {', '.join(sorted(found))}; write the file again with save_states"
-            )
-    return {v.name: devices[v.name] if v.name in devices else found[v.name] for v in variables}
+def _plain(value: Any) -> Any:
+    """Returns a plain value as it was before it was JSON, which has neither devices nor tuples."""
+    if isinstance(value, str):
+        return torch.device(value)
+    return tuple(value) if isinstance(value, list) else value
 
 
 def of_environments(values: Mapping[str, Any], count: int) -> dict[str, Any]:

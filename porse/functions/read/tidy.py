@@ -1,7 +1,6 @@
 """A traced list without what nobody needs: copies of constants that nothing changes, steps written twice, steps unread."""
 
 import dataclasses
-import itertools
 
 from porse.functions.run.operators import operator
 from porse.functions.run.program import Program, Step, reads, replaced
@@ -18,19 +17,13 @@ def _moved(step: Step, moved: dict[int, int]) -> Step:
     return dataclasses.replace(step, arguments=replaced(step.arguments, moved), keywords=replaced(step.keywords, moved))
 
 
-def _starts(program: Program) -> list[tuple[int, Step]]:
-    """Returns each step with the first register that it fills."""
-    starts = itertools.accumulate((step.makes for step in program.steps), initial=program.first_made)
-    return list(zip(starts, program.steps, strict=False))
-
-
 def _once(program: Program) -> Program:
     """Writes what stands twice once, and constants without copies. Where nothing is written over, equal steps are equal."""
     moved: dict[int, int] = {}
     seen: dict[str, int] = {}
     steps: list[Step] = []
     new = program.first_made
-    for old, given in _starts(program):
+    for old, given in zip(program.starts, program.steps, strict=True):
         step = _moved(given, moved)
         is_copy = step.operator == "clone.default" and step.arguments[0].index < program.first_made
         found = step.arguments[0].index if is_copy else seen.setdefault(repr(step), new)
@@ -45,7 +38,7 @@ def _needed(program: Program) -> Program:
     """Leaves out steps, constants and variables that no result and no writing step hangs on."""
     live = set(program.results)
     kept: list[tuple[int, Step]] = []
-    for start, step in reversed(_starts(program)):
+    for start, step in zip(program.starts[::-1], program.steps[::-1], strict=True):
         made = range(start, start + step.makes)
         if operator(step.operator).writes or not live.isdisjoint(made):
             live.update(reads(step))

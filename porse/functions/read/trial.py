@@ -13,11 +13,11 @@ from torch import Tensor
 
 from porse.functions.read.states import of_environments
 from porse.functions.run import sleef
-from porse.functions.run.execute import MappingFunction, RewardFunction, load_mapping, load_reward
+from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, reads
-from porse.functions.run.shapes import FEW, mixing, shapes_of
-from porse.functions.verdict import CodeError, Verdict, words
+from porse.functions.run.shapes import FEW, makes_pairs, shapes_of
+from porse.functions.verdict import CodeError, words
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
 """Sizes of the disturbances that an output must react to, times the spread of each variable, or times 1."""
@@ -38,25 +38,22 @@ _STEPS = words("""
 Loaded = RewardFunction | MappingFunction
 
 
-def try_program(text: str, values: Mapping[str, Any], line: int) -> Verdict:
-    """Returns the verdict on one operator list.
+def try_program(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the names, directions and warning of a verdict on an operator list that passed.
 
     Args:
         text: the list.
         values: the value of each variable in real states.
-        line: the line that the verdict is about where nothing else is known.
+
+    Raises:
+        CodeError: it does not pass.
     """
-    try:
-        program = read_program(text)
-        load = load_reward if program.kind == "reward" else load_mapping
-        with torch.inference_mode():
-            warning = _check_runs(load(text, True), values)
-            load(text, False)(values)
-    except CodeError as error:
-        return Verdict(False, error.check, str(error), line)
-    except MemoryError:
-        return Verdict(False, "memory", "the function needs more memory than it may use", line)
-    return Verdict(True, "ok", "", 0, program.names, program.rises, warning, text)
+    program = read_program(text)
+    load = RewardFunction if program.kind == "reward" else MappingFunction
+    with torch.inference_mode():
+        warning = _check_runs(load(text, True), values)
+        load(text, False)(values)
+    return {"names": program.names, "rises": program.rises, "warning": warning}
 
 
 def _check_runs(function: Loaded, values: Mapping[str, Any]) -> str:
@@ -147,7 +144,7 @@ def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[st
         return ""
     program = function.program
     tensors = {name: values[name] for name in program.variables}
-    if mixing(program, *(shapes_of(program, tensors, few) for few in FEW)) is not None:
+    if makes_pairs(*(shapes_of(program, tensors, few) for few in FEW)):
         raise CodeError(
             "shape",
             f"{mixed} of one environment depends on all others, because a step makes a number for every pair of"

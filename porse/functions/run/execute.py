@@ -1,6 +1,6 @@
 """Operator lists that can be called: rewards and mappings as training sees them.
 
-A list is made ready for one number of environments when it is first called for it: judged, given portable forms, its
+A list is judged when it is first called, and made ready for one number of environments at a time: given portable forms, its
 numbers made tensors once, and results written over what nobody reads any more. A call then goes through the operators in
 order, each of which takes its arguments from slots and fills one. It runs on the device of the variables.
 """
@@ -32,7 +32,7 @@ _IN_PLACE = words("""
 
 
 class _Function:
-    """A list and what it is ready for; it is judged when it is first called.
+    """A list and what it is ready for.
 
     Args:
         text: the list, from a candidate.
@@ -53,6 +53,7 @@ class _Function:
         self.program = program = read_program(text)
         self.names, self.rises = program.names, program.rises
         self._is_portable, self._num_envs = portable, -1
+        self._shapes: list[Shapes] = []
         if program.kind != self.KIND:
             raise CodeError("static", f"expected the operator list of a {self.KIND}, found that of a {program.kind}")
 
@@ -66,7 +67,9 @@ class _Function:
         num_envs = len(given[0]) if given else 0
         try:
             if num_envs != self._num_envs:
-                self._held, self._runs = _prepared(self.program, variables, num_envs, self._is_portable)
+                self._shapes = self._shapes or [shapes_of(self.program, variables, count) for count in FEW]
+                check_shapes(self.program, self._shapes, num_envs)
+                self._held, self._runs = _prepared(self.program, self._shapes[0], num_envs, self._is_portable)
                 self._num_envs = num_envs
             slots = given + self._held
             for call, take, to in self._runs:
@@ -103,25 +106,11 @@ class MappingFunction(_Function):
         return self._results(variables), list(self.rises), list(self.names)
 
 
-def load_reward(text: str, portable: bool) -> RewardFunction:
-    """Returns the goal reward of a list's text; arguments and errors as for `_Function`."""
-    return RewardFunction(text, portable)
-
-
-def load_mapping(text: str, portable: bool) -> MappingFunction:
-    """Returns the mapping of a list's text; arguments and errors as for `_Function`."""
-    return MappingFunction(text, portable)
-
-
-def _prepared(
-    program: Program, variables: Mapping[str, Any], num_envs: int, portably: bool
-) -> tuple[list[Any], list[Run]]:
+def _prepared(program: Program, few: Shapes, num_envs: int, portably: bool) -> tuple[list[Any], list[Run]]:
     """Returns what stands in the slots behind the variables, first of registers, then of written arguments, and the runs."""
-    few, more = (shapes_of(program, variables, count) for count in FEW)
-    check_shapes(program, few, more, num_envs)
     if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
         program = with_norms(program)
-        few = shapes_of(program, variables, FEW[0])
+        few = shapes_of(program, dict(zip(program.variables, few.values, strict=False)), FEW[0])
     last = {index: number for number, step in enumerate(program.steps) for index in reads(step)}
     last |= dict.fromkeys(program.results, len(program.steps))
     slots = [*few.values[: program.first_made], *[None] * (len(few.values) - program.first_made)]

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, CodeError, Kind, plain_name, words
-from porse.identity import canonical_json, content_id
+from porse.identity import canonical_json
 
 MAX_TEXT = 1_000_000
 """Characters of a list."""
@@ -127,11 +127,6 @@ class Program:
     def text(self) -> str:
         """The canonical JSON text: equal lists have equal texts."""
         return canonical_json({name: _written(value) for name, value in vars(self).items()})
-
-    @property
-    def identity(self) -> str:
-        """The hash of the content."""
-        return content_id("program", self.text)
 
 
 def leaves(value: Any) -> Iterator[Any]:

@@ -109,34 +109,31 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
     return size
 
 
-def check_shapes(program: Program, few: Shapes, more: Shapes, num_envs: int) -> None:
+def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None:
     """Refuses a list whose results are no vectors of floats, or that makes too much for so many environments, or 2 048.
 
-    Its shapes for the two numbers of `FEW` tell those for any number.
+    Its shapes for the two numbers of `FEW`, which are given, tell those for any number.
 
     Raises:
         CodeError: checks "shape" and "memory".
     """
-    for shapes, rows in zip((few, more), FEW, strict=True):
+    for shapes, rows in zip(few, FEW, strict=True):
         for value in (shapes.values[index] for index in program.results):
             if value.shape != (rows,) or value.dtype is not torch.float32:
                 found = f"{value.dtype} of {tuple(value.shape)}; validate the function again"
                 raise CodeError("shape", f"expected floats of shape ({rows},), found {found}")
     count = max(num_envs, MANY)
     rounds = (count - FEW[0]) / (FEW[1] - FEW[0])
-    pairs = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
+    pairs = [zip(a.shape, b.shape, strict=True) for a, b in zip(*(shapes.values for shapes in few), strict=True)]
     sizes = [math.prod(a + (b - a) * rounds for a, b in pair) for pair in pairs]
     if max(sizes, default=0) > MAX_ELEMENTS * count / MANY or sum(sizes) > MAX_ALL * count / MANY:
         raise CodeError("memory", TOO_MUCH)
 
 
-def mixing(program: Program, few: Shapes, many: Shapes) -> int | None:
-    """Returns the first step that makes something for every pair of environments, by shapes for two numbers of them."""
-    for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
-        for a, b in list(zip(few.values, many.values, strict=True))[made : made + step.makes]:
-            if sum(one != other for one, other in zip(a.shape, b.shape, strict=True)) > 1:
-                return number
-    return None
+def makes_pairs(few: Shapes, more: Shapes) -> bool:
+    """Whether a list makes something for every pair of environments, by its shapes for two numbers of them."""
+    shapes = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
+    return any(sum(one != other for one, other in sizes) > 1 for sizes in shapes)
 
 
 def check_call(op: Operator, arguments: Sequence[Any]) -> None:
