@@ -390,6 +390,7 @@ CHANGED = {
     "cells-3000": {"exploration.cells"},
     "weights-sum-to-1": {"candidate.beta", "candidate.scale"},
     "gpt-4o-mini": {"llm.profile"},
+    "literal-bonus": {"exploration.form", "exploration.lambda", "train.scaling"},
 }
 """The resolved parameters that an ablation changes, every one of them."""
 
@@ -415,7 +416,7 @@ TOTALS = {
 }
 
 
-@pytest.mark.parametrize("ablation", CHANGED)
+@pytest.mark.parametrize("ablation", ABLATIONS)
 def test_an_ablation_pays_what_its_name_says(ablation, monkeypatch, tmp_path):
     params = resolved(ablation=ablation)
     streams = {"generated": lambda *_: -3.0, "sparse": lambda *_: 7.0, "MappingBonus": 0.25, "NoBonus": 0.0}

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 
 import pytest
 import yaml
@@ -19,9 +20,16 @@ from porse.suite.plan import load_suite
 from porse.suite.resolve import code_id, resolve, tracked_files
 
 
+def with_presets(folder):
+    """Gives a folder what parameters may be left to: commands that read them run in the project's root."""
+    if (tiny.ROOT / "presets").is_dir():
+        shutil.copytree(tiny.ROOT / "presets", folder / "presets")
+
+
 def finished(folder, weights, fitness=None, **chosen):
     """Writes a run whose winners have these (beta, alpha), and trainings with this fitness."""
     folder.mkdir(parents=True, exist_ok=True)
+    with_presets(folder)
     (folder / "params.yaml").write_text(yaml.safe_dump({**tiny.committed_params(), **chosen}))
     rows = [
         row_of(tables.ITERATIONS, iteration=n, winner_id=f"w{n}", beta=beta, alpha=alpha)
@@ -114,6 +122,7 @@ def sweep(tmp_path, monkeypatch):
     """A project whose suite has two variants, of which one entry is finished."""
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(tiny.committed_params()))
     (tmp_path / "dvc.yaml").write_text("stages: {a: {cmd: x, deps: [code]}}")
+    with_presets(tmp_path)
     (tmp_path / "sweep.yaml").write_text(
         "{name: sweep, tasks: [Quadcopter], methods: [porse], seeds: [4], "
         "variants: {low: {candidate: {beta: 0.5}}, high: {candidate: {beta: 1.5}}}}"
