@@ -106,7 +106,7 @@ def contract_text(kind: Kind) -> str:
     """Returns the part of a prompt that says what a function of `kind` must look like."""
     name = FUNCTION_NAMES[kind][0]
     common = [
-        "It is compiled by TorchScript, so it uses torch only: no numpy, no other import, no class, no print, no while.",
+        "It is TorchScript-compatible code that uses torch only: no numpy, no other import, no class, no print. It is recorded once as a fixed list of tensor operations, so choices that depend on the values of a tensor are made by torch.where, not by if or while, and shapes do not depend on values.",
         "New tensors are created on the device of the inputs, for example torch.zeros_like(x) or device=x.device.",
         "Inputs are read, never changed in place. There are no random draws.",
     ]
