@@ -257,6 +257,7 @@ def variation(values):
     return statistics.pstdev(values) / abs(statistics.mean(values))
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(("epochs", "failing"), [(64, 0), (32, 300)])
 def test_one_fixed_policy_has_one_fitness_whatever_the_epoch_and_whatever_was_before(flyer, epochs, failing):
     over_steps, _ = fitness_of_epochs(flyer, epochs, staggered=True, failing=failing)
@@ -266,6 +267,7 @@ def test_one_fixed_policy_has_one_fitness_whatever_the_epoch_and_whatever_was_be
     assert variation(over_steps) <= 0.05
 
 
+@pytest.mark.timeout(600)
 def test_in_phase_the_same_policy_has_every_fitness(flyer):
     """What head starts are for: without them it seems to forget and learn again with every episode."""
     over_steps, snapshots = fitness_of_epochs(flyer, 32, staggered=False)
