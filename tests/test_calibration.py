@@ -22,8 +22,8 @@ from porse.tasks import TASKS, make_task
 from porse.tasks.gymnasium_front import register_tasks
 
 TABLE = Path(__file__).parent.parent / "docs" / "calibration.csv"
-STILL_OPEN: set[str] = set()
-"""Quantities of the table that do not hold, "task quantity"."""
+STILL_OPEN = {"DoorCloseInward random_return", "GraspAndPlace random_return"}
+"""Quantities of the table that do not hold, "task quantity"; `docs/decisions.md` says what is known of them."""
 
 
 def table():
