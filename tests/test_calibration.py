@@ -22,8 +22,8 @@ from porse.tasks import TASKS, make_task
 from porse.tasks.gymnasium_front import register_tasks
 
 TABLE = Path(__file__).parent.parent / "docs" / "calibration.csv"
-STILL_OPEN: set[str] = set()
-"""Quantities of the table that do not hold, "task quantity"."""
+STILL_OPEN = {"DoorCloseInward random_return", "GraspAndPlace random_return"}
+"""Quantities of the table that do not hold, "task quantity"; `docs/decisions.md` says what is known of them."""
 
 
 def table():
@@ -53,7 +53,6 @@ def first_end(name, steps):
         ("CatchOver2Underarm", 10, 60),
         ("CatchAbreast", 10, 52),
         ("DoorCloseOutward", 8, 46),
-        ("CatchUnderarm", 14, 75),
     ],
 )
 def test_random_play_ends_about_when_the_originals_did(name, low, high):
@@ -62,9 +61,20 @@ def test_random_play_ends_about_when_the_originals_did(name, low, high):
     assert found >= low
 
 
-@pytest.mark.parametrize("name", ["DoorOpenInward", "DoorOpenOutward", "DoorCloseInward"])
-def test_random_play_at_a_door_ends_no_episode_within_a_hundred_steps(name):
-    assert first_end(name, 100) is None
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [
+        ("DoorOpenInward", 100),
+        ("DoorOpenOutward", 100),
+        ("DoorCloseInward", 100),
+        ("CatchUnderarm", 14),
+        ("Over", 9),
+        ("TwoCatchUnderarm", 13),
+    ],
+)
+def test_random_play_ends_no_episode_sooner_than_the_originals_could(name, steps):
+    """A hundred steps at the doors; elsewhere half of the shortest episode that is published."""
+    assert first_end(name, steps) is None
 
 
 def test_the_table_names_every_task_and_what_is_published():
