@@ -33,6 +33,11 @@ INFINITE_COMPONENT = """def compute_reward(root_positions: torch.Tensor, progres
     return height, {"late": late, "height": height}
 """
 
+HUGE = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
+    late = torch.where(progress_buf > 12, 1.0e37 + 1.0e36 * root_positions[:, 0], root_positions[:, 2])
+    return late, {"late": late}
+"""
+
 RAISES = """def compute_reward(root_positions: torch.Tensor, progress_buf: torch.Tensor):
     column = 5 * (progress_buf > 12).long()
     height = torch.gather(root_positions, 1, column.unsqueeze(-1)).squeeze(-1)

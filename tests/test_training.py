@@ -1,5 +1,6 @@
 import dataclasses
 import hashlib
+import re
 import shutil
 import subprocess
 import sys
@@ -22,7 +23,7 @@ from porse.training.reward import EpochMeans
 from porse.training.rung import train_rung
 from porse.training.start import random_policy
 from porse.training.vecenv import TaskEnv
-from samples import INFINITE_COMPONENT, MAPPING, NOT_FINITE, RAISES, REWARD, program
+from samples import HUGE, INFINITE_COMPONENT, MAPPING, NOT_FINITE, RAISES, REWARD, program
 
 ENVS = "32"
 
@@ -131,6 +132,17 @@ def test_a_reward_that_is_not_finite_ends_the_training_with_a_reason_and_writes_
     assert outcome.failure == "its reward was not finite in 50.0% of the epoch's states (components: late), in epoch 2"
     assert outcome.rows == []
     assert not (tmp_path / "x.safetensors").exists()
+
+
+def test_a_reward_beyond_measure_is_brought_to_size_and_unscaled_it_ends_the_training(small, small_start, tmp_path):
+    huge = job(small_start, tmp_path / "x.safetensors", HUGE)
+    assert train_candidate(huge, small, lambda *_: None).failure == ""
+    outcome = train_candidate(huge, changed(small, train={"scaling": "none"}), lambda *_: None)
+    # Where PPO notices it first depends on what overflows.
+    assert re.fullmatch(
+        r"its (losses|returns) were not finite in .*|its training raised RuntimeError: .*", outcome.failure
+    )
+    assert outcome.failure.endswith(", in epoch 2")
 
 
 def test_a_reward_that_raises_on_a_late_state_ends_the_training_with_a_reason(small, small_start, tmp_path):
