@@ -33,7 +33,7 @@ def sandbox():
 
 
 def test_a_bad_function_spoils_no_other():
-    with Sandbox(Limits(wall_s=1.0)) as running:
+    with Sandbox(Limits(wall_s=3.0)) as running:
         running.prepare(packed(values()))
         found = [running.judge(reply, "reward") for reply in (GOOD, SLOW, GOOD, "no code", LARGE, GOOD)]
     assert [verdict.check for verdict, _ in found] == ["ok", "time", "ok", "extract", "memory", "ok"]
