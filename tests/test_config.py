@@ -26,7 +26,7 @@ def changed(document, name, value):
 def test_the_committed_parameters_load(params):
     assert params.task == "Quadcopter"
     assert (params.generate.candidates, params.mutate.mutants, len(params.iterations)) == (6, 5, 5)
-    assert (params.exploration.lambda_, params.exploration.cells) == (1.0, 1000)
+    assert (params.exploration.lambda_, params.exploration.cells) == (0.5, 1000)
     assert (params.candidate.beta, params.candidate.alpha) == (1.0, 0.8)
 
 

@@ -365,10 +365,10 @@ def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):
     )
     assert done.output.splitlines() == [
         'numerics: "portable"',
-        'eliminate.keep: "all"  # method eureka',
-        'eliminate.score: "max"  # method eureka',
+        'eliminate.keep: "all"  # method human',
+        'eliminate.score: "mean"',
         "eliminate.window: 16  # preset Quadcopter cpu",
     ]
     everything = CliRunner().invoke(main, ["params", "--params", str(changed)], catch_exceptions=False).output
-    assert "candidate.scale: 1.0  # method eureka\n" in everything
+    assert "candidate.scale: 1.0  # method human\n" in everything
     assert json.loads(everything.split("train.hidden: ")[1].split("  # ")[0]) == [64, 64]

@@ -578,7 +578,7 @@ def test_fitness_is_of_the_state_that_a_step_led_to_and_not_of_what_a_reset_put_
         def fitness(self):
             return -9.0 if self.resets else 1.0 + self.steps
 
-    env = TaskEnv(Reset(), Reward(goal_of_task, NoBonus(), 0.0, 1.0), 1.0)
+    env = TaskEnv(Reset(), Reward(goal_of_task, NoBonus(), 0.0, 1.0, NoScale(), NoScale()))
     env.step(torch.zeros(3, 1))
     env.step(torch.zeros(3, 1))
     # two environments were reset in the second step, after 3.0 had been read

@@ -348,11 +348,14 @@ def test_variants_are_summed_up_apart():
         "state": "done",
         "reason": None,
     }
-    row |= {"hns": None, "evaluation_mean": None, "evaluation_std": None, "epochs_spent": 1, "epochs_allowed": 1}
+    row |= dict.fromkeys(("hns_lineage", "hns_budget"))
+    row |= {"success": 0.5, "success_low": 0.25, "success_high": 0.75}
+    row |= dict.fromkeys(f"evaluation_{name}" for name in ("score_mean", "score_std", "mts_mean", "mts_std", "failed"))
+    row |= {"epochs_spent": 1, "epochs_allowed": 1, "score": 0.125}
     entries = [row | {"variant": name, "mts": mts, "valid_share": None} for name, mts in (("", 0.25), ("half", 0.75))]
     assert status_text(entries).splitlines()[-2:] == [
-        "Kettle  porse   none      -        1      0.250",
-        "Kettle  porse   none      half     1      0.750",
+        "Kettle  porse   none      -        1      0.125  0.250",
+        "Kettle  porse   none      half     1      0.125  0.750",
     ]
 
 
