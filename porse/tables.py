@@ -302,6 +302,18 @@ ITERATIONS = Table(
         Column("mts", _REAL, "highest fitness that any training of the iteration reached", "finite"),
         Column("winner_mts", _REAL, "highest fitness of the winner's training", "finite"),
         Column("score", _REAL, "the winner's score, by which it won (eliminate.score)", "finite"),
+        Column(
+            "bonus_share",
+            _REAL,
+            "standard deviation of beta R_e over that of the total, mean over the candidates and epochs of the first rung",
+            "finite",
+        ),
+        Column(
+            "cells_visited",
+            _REAL,
+            "share of the cells that the winner visited, at its last epoch and since counts last began; 0 without cells",
+            "finite",
+        ),
         Column("epochs", _INT, "epochs spent on all candidates"),
         Column("environment_steps", _INT, "environment steps of those epochs"),
         Column("replies", _INT, "replies with a function in them that were read"),

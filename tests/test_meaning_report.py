@@ -191,7 +191,11 @@ def whole():
         ],
         curves=[
             *curve(1, "1", "a", [1.0, 6.0]), *curve(1, "6", "a", [4.0], first=3), *curve(1, "1", "b", [8.0]),
-            *curve(1, "1", "a", [0.0, 0.0], series="reward"), *curve(2, "1", "a", [5.0, 3.0]), *curve(2, "1", "c", [2.0]),
+            *curve(1, "1", "a", [0.0, 0.0], series="reward"),
+            *curve(1, "1", "a", [0.5, 0.25], series="bonus_share"), *curve(1, "1", "b", [0.125], series="bonus_share"),
+            *curve(1, "6", "a", [0.9], first=3, series="bonus_share"),
+            *curve(1, "1", "a", [0.3, 0.7], series="cells_visited"), *curve(1, "1", "b", [0.8], series="cells_visited"),
+            *curve(1, "6", "a", [0.4], first=3, series="cells_visited"), *curve(2, "1", "a", [5.0, 3.0]), *curve(2, "1", "c", [2.0]),
         ],
         survivors=[
             survivor(1, "1", 0, "b", 9.0), survivor(1, "6", 0, "a", 4.5), survivor(2, "6", 0, "a", 3.5),
@@ -209,6 +213,8 @@ def test_an_iteration_reports_its_winner_and_the_best_of_all_its_trainings(param
         "iteration": 1, "winner_id": "a", "beta": 0.7, "alpha": 0.3,
         # b reached 8, and the winner 6 on the way to a mean of 4.5 over its last epochs
         "mts": 8.0, "winner_mts": 6.0, "score": 4.5,
+        # of both in the first rung, (0.5 + 0.25 + 0.125) / 3; the winner's at its last epoch, when counts had begun anew
+        "bonus_share": pytest.approx(0.875 / 3), "cells_visited": 0.4,
         # three epochs of a and one of b, each of 3 x 7 steps
         "epochs": 4, "environment_steps": 84, "replies": 3, "valid_replies": 2, "repairs": 1,
     }  # fmt: skip

@@ -196,7 +196,7 @@ def test_a_rung_does_not_depend_on_the_number_of_workers_and_survives_a_failed_c
     assert (after["good"]["policy"], after["good"]["epochs"], after["good"]["failure"]) == ("good", 2, "")
     assert (after["bad"]["policy"], after["bad"]["epochs"]) == ("fused", 0)
     assert after["bad"]["failure"].startswith("its reward was not finite")
-    ranked = rank([score(row, trained.curves, 15) for row in trained.candidates])
+    ranked = rank([score(row, trained.curves, small.eliminate) for row in trained.candidates])
     assert ranked[-1].candidate_id == "bad"
     # A candidate that is as old as the rung stays as it is, byte for byte.
     train_rung(trained, small, 1, "1", 2, tmp_path / "again")

@@ -21,6 +21,9 @@ from porse.report.run import Evaluation, Run
 from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
 
+_BY_ITERATION = ("score", "mts", "beta", "alpha", "bonus_share", "cells_visited")
+"""What metrics say of each iteration."""
+
 
 def iteration_rows(run: Run, params: Params) -> list[Row]:
     """Returns one row of the iterations table for each iteration that had candidates."""
@@ -31,8 +34,16 @@ def iteration_rows(run: Run, params: Params) -> list[Row]:
 
 def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
     n = survivor["iteration"]
-    fitness = [row for row in run.curves if row["iteration"] == n and row["series"] == "fitness"]
+    curves = [row for row in run.curves if row["iteration"] == n]
+    fitness = [row for row in curves if row["series"] == "fitness"]
     own = [row["value"] for row in fitness if row["candidate_id"] == winner["candidate_id"]]
+    first = str(params.rungs[0].rung)
+    shares = [row["value"] for row in curves if row["series"] == "bonus_share" and row["rung"] == first]
+    cells = {
+        row["epoch"]: row["value"]
+        for row in curves
+        if row["series"] == "cells_visited" and row["candidate_id"] == winner["candidate_id"]
+    }
     verdicts = [row for row in run.verdicts if row["iteration"] == n]
     return {
         "iteration": n,
@@ -42,6 +53,8 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
         "mts": max(row["value"] for row in fitness),
         "winner_mts": max(own),
         "score": survivor["score"],
+        "bonus_share": math.fsum(shares) / len(shares) if shares else 0.0,
+        "cells_visited": cells[max(cells)] if cells else 0.0,
         "epochs": len(fitness),
         "environment_steps": len(fitness) * params.train.num_envs * params.train.steps_per_epoch,
         "replies": len(verdicts),
@@ -77,9 +90,7 @@ def metrics(run: Run, iterations: Sequence[Row], evaluation: Evaluation, params:
             "completion_tokens": sum(row["completion_tokens"] for row in run.replies),
             "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
         },
-        "by_iteration": {
-            str(row["iteration"]): {name: row[name] for name in ("score", "mts", "beta", "alpha")} for row in iterations
-        },
+        "by_iteration": {str(row["iteration"]): {name: row[name] for name in _BY_ITERATION} for row in iterations},
     }
 
 
