@@ -79,7 +79,7 @@ class Line:
 @PROFILE
 @click.option(
     "--prompts",
-    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("prompts"),
     show_default=True,
     help="Folder of prompt texts.",

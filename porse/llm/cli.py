@@ -245,8 +245,9 @@ def refresh(
 
 def _line(heading: tuple[str, str], line: Line) -> dict[str, object]:
     """Returns a line of the statistics as an object; `heading` names what it is about."""
+    group = dict(zip(heading, line.group, strict=True))
     return {
-        **dict(zip(heading, line.group, strict=True)),
+        **{name: int(part) if name == "iteration" else part for name, part in group.items()},
         **dataclasses.asdict(line.spending),
         "truncated": line.truncated,
     }
