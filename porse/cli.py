@@ -21,7 +21,7 @@ from porse.paths import at_root
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.report.trends import read_finished, trends, trends_table
-from porse.repro import reproduce
+from porse.repro import HOW_ON, reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 from porse.task_names import TAGS, TASK_TAGS
 
@@ -35,9 +35,9 @@ _LAZY = {
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
-_SAME_AGAIN = "nothing is left half done; give the same command again"
+_SAME_AGAIN = "give the same command again to start over"
 _HOW_ON = {
-    "repro": "run `porse repro` again, and it goes on with the stage that was at work",
+    "repro": HOW_ON,
     "run": "`porse run` does not go on; remove the --out folder or name another, or use `porse repro`, which does",
     "suite": "run `porse suite run` again, and it goes on with the entry that was at work",
 }

@@ -62,11 +62,11 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
         signal.signal(signal.SIGTERM, hand_on)
         code = process.wait()
     if interrupted and code:
-        say(HOW_ON)
+        say(f"stopped by Ctrl-C: {HOW_ON}")
     return code
 
 
-HOW_ON = "stopped by Ctrl-C: run `porse repro` again, and it goes on with the stage that was at work"
+HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
 
 
 def has_source_control(root: Path) -> bool:
