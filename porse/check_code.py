@@ -11,11 +11,15 @@ from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.verdict import Kind, Verdict
 
+FILE = click.Path(dir_okay=False, allow_dash=True)
+
 
 @click.command("check-code")
 @click.argument("task")
-@click.option("--reward", "rewards", multiple=True, metavar="FILE", help="A reply or a function; - is standard input.")
-@click.option("--mapping", "mappings", multiple=True, metavar="FILE", help="The same for a mapping.")
+@click.option(
+    "--reward", "rewards", multiple=True, type=FILE, metavar="FILE", help="A reply or a function; - is standard input."
+)
+@click.option("--mapping", "mappings", multiple=True, type=FILE, metavar="FILE", help="The same for a mapping.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object for each file, one a line.")
 def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], as_json: bool) -> None:
     """Check reward and mapping functions for TASK as the pipeline would, and exit 0 when all would be accepted."""

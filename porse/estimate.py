@@ -4,6 +4,7 @@ It stands here, and joins the other commands of `porse llm`, because it knows bo
 """
 
 import dataclasses
+import json
 import math
 from collections import defaultdict
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from pathlib import Path
 import click
 
 from porse.config import Params, load_params
-from porse.llm.cli import CACHE, PARAMS, PROFILE, llm, with_profile
+from porse.llm.cli import CACHE, JSON, PARAMS, PROFILE, llm, with_profile
 from porse.llm.ledger import totals
 from porse.llm.pending import price_of
 from porse.llm.record import Record, cost_usd
@@ -78,18 +79,24 @@ class Line:
 @PROFILE
 @click.option(
     "--prompts",
-    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("prompts"),
     show_default=True,
     help="Folder of prompt texts.",
 )
-def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: Path) -> None:
+@JSON
+def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: Path, as_json: bool) -> None:
     """Show the requests, tokens and cost of what a run still has to ask."""
     params = load_params(params_path)
     params = dataclasses.replace(params, llm=with_profile(params.llm, profile))
     store = Store(cache_dir)
     records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
     lines = estimated(planned_questions(params, prompts), records, params)
+    if as_json:
+        rows = [{**dataclasses.asdict(line), **_numbers([line], params)} for line in lines]
+        most = {"requests_at_most": _most(lines, params), "profile": params.llm.profile}
+        click.echo(json.dumps({"lines": rows, "total": {**_numbers(lines, params), **most}}, indent=2))
+        return
     click.echo(_table(lines, params))
     counted = sum(None not in (record.answer.prompt_tokens, record.answer.completion_tokens) for record in records)
     ledger = totals(store)
@@ -218,6 +225,12 @@ def _totals(lines: Sequence[Line], params: Params) -> tuple[int, int, int, float
     return requests, prompt, completion, cost_usd(price_of(params.llm), prompt, completion)
 
 
+def _numbers(lines: Sequence[Line], params: Params) -> dict[str, float]:
+    """Returns what is still to be asked, with its tokens in all and its cost, by name."""
+    names = ("to_ask", "all_prompt_tokens", "all_completion_tokens", "usd")
+    return dict(zip(names, _totals(lines, params), strict=True))
+
+
 def _table(lines: Sequence[Line], params: Params) -> str:
     names = ("iteration", "stage", "kind", "planned", "recorded", "to ask", "prompt tokens", "completion tokens", "USD")
     rows = []
@@ -228,14 +241,18 @@ def _table(lines: Sequence[Line], params: Params) -> str:
     return text_table(names, rows, 3)
 
 
-def _summary(lines: Sequence[Line], params: Params) -> str:
+def _most(lines: Sequence[Line], params: Params) -> int:
+    """Returns how many requests are sent if every reply is broken and cut off."""
     from porse.generation.functions import attempts_at_most
 
-    requests, prompt, completion, usd = _totals(lines, params)
     functions = sum(line.to_ask for line in lines if line.stage == "generate")
     values = sum(line.to_ask for line in lines if line.stage == "mutate")
-    most = functions * attempts_at_most(params) + values * (params.mutate.max_fresh + 1)
+    return LONGER_FACTOR * (functions * attempts_at_most(params) + values * (params.mutate.max_fresh + 1))
+
+
+def _summary(lines: Sequence[Line], params: Params) -> str:
+    requests, prompt, completion, usd = _totals(lines, params)
     return (
         f"to ask: {requests} requests, {prompt} prompt and {completion} completion tokens, {usd:.6f} USD by the prices of "
-        f"profile {params.llm.profile}; {LONGER_FACTOR * most} requests at most, if every reply is broken and cut off"
+        f"profile {params.llm.profile}; {_most(lines, params)} requests at most, if every reply is broken and cut off"
     )

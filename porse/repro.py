@@ -1,5 +1,6 @@
 """`porse repro`: `dvc repro` that goes on after any kill, without a hand, and whose stages find their imports done."""
 
+import configparser
 import functools
 import os
 import signal
@@ -31,7 +32,14 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
         PorseError: there is no pipeline in `root`, or its parameters are wrong.
     """
     if not (root / "dvc.yaml").is_file():
-        raise PorseError(f"expected dvc.yaml in {root.resolve()}, found none; run from the project's root")
+        raise PorseError(
+            f"expected dvc.yaml in {root.resolve()} or a folder above it, found none; run from a folder of the project"
+        )
+    if not has_source_control(root):
+        raise PorseError(
+            f"expected {root.resolve()} to be in a Git repository, as DVC does, found no .git, as in an unpacked source "
+            "archive; take a clone, or run: git init && git add . && git commit -m start"
+        )
     params = load_params(root / "params.yaml", root)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
@@ -40,10 +48,31 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
     with warm_server(params.numerics) as found:
         process = subprocess.Popen(command, cwd=root, env={**os.environ, **found}, preexec_fn=end_with_this)
 
+        interrupted = False
+
         def hand_on(number: int, _: FrameType | None) -> None:
             process.send_signal(number)
 
+        def note(_: int, __: FrameType | None) -> None:
+            nonlocal interrupted
+            interrupted = True
+
         # A key in the terminal reaches DVC by itself, which then ends its stage; this process waits for both.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, note)
         signal.signal(signal.SIGTERM, hand_on)
-        return process.wait()
+        code = process.wait()
+    if interrupted and code:
+        say(f"stopped by Ctrl-C: {HOW_ON}")
+    return code
+
+
+HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
+
+
+def has_source_control(root: Path) -> bool:
+    """Returns whether DVC finds a Git repository in `root` or above it, or is told to do without (core.no_scm)."""
+    if any((folder / ".git").exists() for folder in (root.resolve(), *root.resolve().parents)):
+        return True
+    parser = configparser.ConfigParser(strict=False)
+    parser.read([root / ".dvc" / "config", root / ".dvc" / "config.local"], encoding="utf-8")
+    return parser.get("core", "no_scm", fallback="false").strip().lower() == "true"

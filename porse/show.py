@@ -1,7 +1,10 @@
 """`porse render` and `porse play`: a task as a picture, as a moving picture, or in MuJoCo's viewer."""
 
+import ctypes
 import ctypes.util
+import math
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,7 +12,37 @@ import click
 
 from porse.config import Params, load_document, parse_params
 from porse.errors import PorseError
+from porse.paths import check_target
 from porse.pool import BEST, policy_file
+
+LONGEST_FILM_S, LONGEST_VIEW_S = 120.0, 86_400.0
+"""A film's frames are held in memory, 13 MiB a second."""
+
+_DRAW = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light pos='0 0 3'/><geom size='1'/></worldbody></mujoco>")
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 24, 32) as renderer:
+    renderer.update_scene(data)
+    assert renderer.render().any(), "the picture is black"
+"""
+
+_DRAW_S = 60
+
+
+def _seconds(context: click.Context, parameter: click.Parameter, value: float) -> float:
+    """Checks a length: NaN, nothing and less, and more than a day are refused."""
+    if math.isfinite(value) and 0.0 < value <= LONGEST_VIEW_S:
+        return value
+    raise click.BadParameter(f"expected more than 0 and at most {LONGEST_VIEW_S:g} seconds, found {value:g}")
+
+
+def _check_film(seconds: float) -> None:
+    if seconds > LONGEST_FILM_S:
+        raise PorseError(
+            f"expected a film of at most {LONGEST_FILM_S:g} seconds, found --seconds {seconds:g}; write a shorter one"
+        )
 
 
 @click.command()
@@ -17,18 +50,18 @@ from porse.pool import BEST, policy_file
 @click.option(
     "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="A .png, or a .gif of random actions."
 )
-@click.option("--seconds", default=2.0, show_default=True, help="Length of a .gif.")
+@click.option("--seconds", default=2.0, show_default=True, callback=_seconds, help="Length of a .gif.")
 def render(task: str, out: Path, seconds: float) -> None:
     """Draw TASK at an episode's start, or moving under random actions."""
-    if out.suffix not in (".png", ".gif"):
-        raise PorseError(f"expected --out to end in .png or .gif, found {out}; choose one of them")
-    _choose_renderer()
+    check_target(out, (".png", ".gif"))
+    _check_film(seconds)
+    choose_renderer()
     from porse.film import HEIGHT, SEED, WIDTH, random_actor, write_gif
     from porse.tasks import make_task
     from porse.tasks.picture import picture, write_png
 
     shown = make_task(task, 1, SEED)
-    if out.suffix == ".png":
+    if out.suffix.lower() == ".png":
         write_png(out, picture(shown, WIDTH, HEIGHT))
     else:
         write_gif(out, shown, random_actor(shown), seconds)
@@ -48,12 +81,15 @@ def render(task: str, out: Path, seconds: float) -> None:
 @click.option(
     "--out", type=click.Path(dir_okay=False, path_type=Path), help="Write a .gif instead of opening the viewer."
 )
-@click.option("--seconds", default=10.0, show_default=True)
+@click.option("--seconds", default=10.0, show_default=True, callback=_seconds, help="How long it is shown.")
 def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, seconds: float) -> None:
     """Show a policy, or random actions, on TASK: in the viewer, or as a .gif where there is no display."""
-    in_viewer = out is None and _has_display()
+    if out is not None:
+        check_target(out, (".gif",))
+    in_viewer = out is None and has_display()
     if not in_viewer:
-        _choose_renderer()
+        _check_film(seconds)
+        choose_renderer()
     from porse.film import SEED, random_actor, view, write_gif
     from porse.tasks import make_task
     from porse.training.actor import policy_actor
@@ -78,20 +114,58 @@ def _winners(run: Path, params: Params) -> Path:
     return policy_file(run / str(params.iterations[-1].next) / "start", BEST)
 
 
-def _has_display() -> bool:
-    return bool(os.environ.get("DISPLAY")) or sys.platform == "darwin"
+def has_display() -> bool:
+    """Returns whether a window can be opened: DISPLAY may name an X server that is no more."""
+    if sys.platform == "darwin":
+        return True
+    if not os.environ.get("DISPLAY"):
+        return False
+    name = ctypes.util.find_library("X11")
+    if name is None:
+        return False
+    x11 = ctypes.CDLL(name)
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = x11.XOpenDisplay(None)
+    if display:
+        x11.XCloseDisplay(display)
+    return bool(display)
 
 
-def _choose_renderer() -> None:
+def choose_renderer() -> None:
     """Names the renderer that works without a display, before MuJoCo is imported; MUJOCO_GL goes first.
 
     Raises:
         PorseError: there is no display, and neither EGL nor OSMesa.
     """
-    if _has_display() or os.environ.get("MUJOCO_GL"):
+    if os.environ.get("MUJOCO_GL") or has_display():
         return
     for library, name in (("EGL", "egl"), ("OSMesa", "osmesa")):
         if ctypes.util.find_library(library):
             os.environ["MUJOCO_GL"] = name
             return
     raise PorseError("expected a display, EGL or OSMesa to draw with, found none; install libegl1 or libosmesa6")
+
+
+def draws() -> str:
+    """Draws a small picture in a process of its own, and returns the name of what drew it.
+
+    Raises:
+        PorseError: nothing can draw here, or what was chosen does not.
+    """
+    choose_renderer()
+    back_end = os.environ.get("MUJOCO_GL") or "the display"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _DRAW], capture_output=True, text=True, check=False, timeout=_DRAW_S
+        )
+    except subprocess.TimeoutExpired:
+        found = f"nothing after {_DRAW_S} s"
+    else:
+        if not done.returncode:
+            return back_end
+        found = (done.stderr.strip().splitlines() or [f"that the process ended with {done.returncode}"])[-1]
+    raise PorseError(
+        f"expected {back_end} to draw a picture, found {found}; install libegl1 or libosmesa6, or set MUJOCO_GL to "
+        "egl or osmesa"
+    )

@@ -14,6 +14,7 @@ from porse.pipeline import check_pipeline
 
 LAYERS: list[set[str]] = [
     {"errors", "identity", "processes", "task_names", "variables"},
+    {"paths"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"presets"},
     {"config"},
@@ -26,8 +27,9 @@ LAYERS: list[set[str]] = [
     {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
     {"iteration", "repair"},
-    {"repro"},
+    {"outdated", "repro"},
     {"show", "suite"},
+    {"doctor"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

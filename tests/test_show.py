@@ -165,12 +165,12 @@ def test_the_renderer_is_the_one_that_is_there_and_the_users_choice_goes_first(m
     for found, expected in (({"EGL", "OSMesa"}, "egl"), ({"OSMesa"}, "osmesa")):
         monkeypatch.setenv("MUJOCO_GL", "")
         monkeypatch.setattr(ctypes.util, "find_library", lambda name, found=found: name if name in found else None)
-        show._choose_renderer()
+        show.choose_renderer()
         assert os.environ["MUJOCO_GL"] == expected
     monkeypatch.setenv("MUJOCO_GL", "")
     monkeypatch.setattr(ctypes.util, "find_library", lambda name: None)
     with pytest.raises(PorseError, match="libegl1 or libosmesa6"):
-        show._choose_renderer()
+        show.choose_renderer()
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    show._choose_renderer()
+    show.choose_renderer()
     assert os.environ["MUJOCO_GL"] == "glfw"

@@ -66,6 +66,13 @@ def test_a_variant_is_compared_with_the_baseline_seed_by_seed(sizes):
     assert "Quadcopter  porse   none      some     score" in done.output
 
 
+def test_a_comparison_is_printed_as_json(sizes):
+    rows = json.loads(compare("--baseline", "none", "--json").output)
+    score = next(row for row in rows if row["variant"] == "some")
+    # As above, (0.5 + 0.25) / 2, in full.
+    assert (score["figure"], score["seeds"], score["difference"]) == ("score", 3, 0.375)
+
+
 def test_nested_figures_of_the_metrics_are_found(sizes):
     assert Figure("final_success.mean").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8")) == 1.75
 

@@ -150,6 +150,19 @@ def test_a_suites_curves_are_those_of_its_finished_entries(sweep):
     ]
 
 
+def test_a_suites_curves_are_printed_as_json(sweep):
+    said = CliRunner().invoke(main, ["suite", "curves", "sweep.yaml", "--json"], catch_exceptions=False).output
+    entry = {"task": "Quadcopter", "method": "porse", "ablation": "none", "variant": "high", "seed": 4}
+    assert json.loads(said) == [{**entry, "epoch": 1, "fitness": 0.25}, {**entry, "epoch": 2, "fitness": 0.5}]
+
+
+def test_suite_commands_work_below_the_project(sweep, monkeypatch):
+    (sweep / "notes").mkdir()
+    monkeypatch.chdir(sweep / "notes")
+    said = CliRunner().invoke(main, ["suite", "trends", "../sweep.yaml"], catch_exceptions=False).output
+    assert said.splitlines()[2:] == ["| Quadcopter | porse | none | high | 1 | 1.800 |"]
+
+
 def test_a_suites_trends_are_those_of_its_finished_entries(sweep):
     said = CliRunner().invoke(main, ["suite", "trends", "sweep.yaml"], catch_exceptions=False).output
     assert said.splitlines()[2:] == ["| Quadcopter | porse | none | high | 1 | 1.800 |"]

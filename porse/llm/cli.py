@@ -5,8 +5,8 @@ Errors of the project pass through: the `porse` command prints them as one parag
 
 import dataclasses
 import difflib
+import json
 from pathlib import Path
-from typing import IO
 
 import click
 
@@ -19,7 +19,7 @@ from porse.llm.record import CONTEXTS, answerer
 from porse.llm.refresh import refresh_from_endpoint, refresh_from_text
 from porse.llm.sampling import samples
 from porse.llm.show import conversation, open_conversation
-from porse.llm.stats import by_model, by_place, samples_table, spending_table, total
+from porse.llm.stats import Line, by_model, by_place, samples_table, spending_table, total
 from porse.llm.store import Store
 from porse.llm.verify import verify as verify_cache
 
@@ -45,6 +45,8 @@ PARAMS = click.option(
 
 PROFILE = click.option("--profile", help="Profile to ask instead of llm.profile.")
 
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
 CONTEXT_HELP = (
     "What whoever answered had seen before each reply: `fresh`, nothing but its question; `shared`, other questions and "
     "replies; or `unknown`."
@@ -59,12 +61,17 @@ def llm() -> None:
 @llm.command()
 @CACHE
 @click.option("--clear", is_flag=True, help="Forget all open requests; `dvc repro` writes the ones it still needs.")
-def pending(cache_dir: Path, clear: bool) -> None:
+@JSON
+def pending(cache_dir: Path, clear: bool, as_json: bool) -> None:
     """List the open requests, one line each."""
     store = Store(cache_dir)
     requests = load_pending(store)
-    for request in requests:
-        click.echo(f"{request.key}  {request.question.origin}")
+    if as_json:
+        rows = [{"key": request.key, **dataclasses.asdict(request.question.origin)} for request in requests]
+        click.echo(json.dumps(rows, indent=2))
+    else:
+        for request in requests:
+            click.echo(f"{request.key}  {request.question.origin}")
     click.echo(f"{len(requests)} open requests{', all forgotten' if clear else ''}", err=True)
     if clear:
         remove_pending(store, [request.key for request in requests])
@@ -77,11 +84,12 @@ def pending(cache_dir: Path, clear: bool) -> None:
     type=click.Path(path_type=Path, file_okay=False),
     help="Also write each request as a readable text <key>.prompt into this directory.",
 )
-@click.argument("target", type=click.File("w", encoding="utf-8", lazy=True), default="-")
-def export(cache_dir: Path, prompts: Path | None, target: IO[str]) -> None:
+@click.argument("target", type=click.Path(dir_okay=False, allow_dash=True), default="-")
+def export(cache_dir: Path, prompts: Path | None, target: str) -> None:
     """Write the open requests to TARGET as OpenAI batch JSONL (default: standard output)."""
     requests = load_pending(Store(cache_dir))
-    target.write(export_lines(requests))
+    with click.open_file(target, "w", encoding="utf-8") as file:
+        file.write(export_lines(requests))
     if prompts is not None:
         prompts.mkdir(parents=True, exist_ok=True)
         for request in requests:
@@ -114,29 +122,59 @@ def import_(cache_dir: Path, answered_by: str, context: str, api_model: bool, so
 @click.option(
     "--used", type=FILE, multiple=True, help="A Parquet table with a column `key`; may be given several times."
 )
-def verify(cache_dir: Path, used: tuple[Path, ...]) -> None:
+@JSON
+def verify(cache_dir: Path, used: tuple[Path, ...], as_json: bool) -> None:
     """Check all records: keys, hashes, names, secrets; with --used also what no table names."""
     problems = verify_cache(cache_dir, _used_keys(used) if used else None)
-    for problem in problems:
-        click.echo(problem)
+    records = sum(1 for _ in Store(cache_dir).all_keys())
+    if as_json:
+        click.echo(json.dumps({"records": records, "problems": problems}, indent=2))
+    else:
+        for problem in problems:
+            click.echo(problem)
     if problems:
         raise click.ClickException(f"{len(problems)} problems in {cache_dir}")
-    click.echo(f"{sum(1 for _ in Store(cache_dir).all_keys())} records, all as they were written")
+    if not as_json:
+        click.echo(f"{records} records, all as they were written")
 
 
 @llm.command()
 @CACHE
 @click.option("--list", "list_keys", is_flag=True, help="List all keys instead.")
-def stats(cache_dir: Path, list_keys: bool) -> None:
+@JSON
+def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
     """Show requests, tokens and cost, who answered what, and how different the samples of a question are."""
     store = Store(cache_dir)
     records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
     if list_keys:
+        if as_json:
+            rows = [{"key": record.key, **dataclasses.asdict(record.provenance.origin)} for record in records]
+            click.echo(json.dumps(rows, indent=2))
+            return
         for record in records:
             click.echo(f"{record.key}  {record.provenance.origin}")
         return
     lines = by_place(records)
     recorded, ledger = total(lines), totals(store)
+    if as_json:
+        document = {
+            "by_place": [_line(("iteration", "stage"), line) for line in lines],
+            "by_model": [_line(("model", "answered_by"), line) for line in by_model(records)],
+            "samples": [
+                {
+                    **dataclasses.asdict(entry.origin),
+                    "samples": entry.count,
+                    "replies": entry.replies,
+                    "functions": entry.functions,
+                }
+                for entry in samples(records)
+            ],
+            "recorded": dataclasses.asdict(recorded),
+            "reserved_usd": sum(ledger.reserved.values()),
+            "spent_by_this_checkout": dataclasses.asdict(ledger.spending),
+        }
+        click.echo(json.dumps(document, indent=2))
+        return
     click.echo(spending_table(("iteration", "stage"), lines))
     click.echo()
     click.echo(spending_table(("model", "answered by"), by_model(records)))
@@ -203,6 +241,16 @@ def refresh(
     else:
         raise click.UsageError("--answer needs --answered-by and --context")
     click.echo(f"{whole_key}: replaced, the old record is {kept}")
+
+
+def _line(heading: tuple[str, str], line: Line) -> dict[str, object]:
+    """Returns a line of the statistics as an object; `heading` names what it is about."""
+    group = dict(zip(heading, line.group, strict=True))
+    return {
+        **{name: int(part) if name == "iteration" else part for name, part in group.items()},
+        **dataclasses.asdict(line.spending),
+        "truncated": line.truncated,
+    }
 
 
 def with_profile(params: LlmParams, profile: str | None) -> LlmParams:

@@ -60,7 +60,8 @@ def status(file: Path, as_json: bool) -> None:
     help="A number of metrics.json or a series of the curves; may be given several times.",
 )
 @click.option("--csv", "target", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
-def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | None) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
+def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | None, as_json: bool) -> None:
     """Print the variants of FILE's suite against one of them, seed by seed, with 95 % bootstrap intervals."""
     # Imported here: SciPy takes a second to import.
     from porse.suite.compare import Figure, compared, compared_text, write_csv
@@ -69,7 +70,7 @@ def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | No
     rows = compared(loaded, folders_of(loaded.name, Path.cwd()), baseline, [Figure(name) for name in names])
     if target is not None:
         write_csv(rows, target)
-    click.echo(compared_text(rows))
+    click.echo(json.dumps(rows, indent=2) if as_json else compared_text(rows))
 
 
 @suite.command("trends")
@@ -83,13 +84,18 @@ def show_trends(file: Path, as_json: bool) -> None:
 
 @suite.command()
 @FILE
-def curves(file: Path) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects instead of CSV.")
+def curves(file: Path, as_json: bool) -> None:
     """Print the winners' fitness by epoch of FILE's finished runs as CSV, one line for each epoch (figure 6)."""
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow((*GROUPED, "seed", "epoch", "fitness"))
+    head = (*GROUPED, "seed", "epoch", "fitness")
+    lines = []
     for status, folder in _done(file):
         names = [getattr(status.entry, name) for name in (*GROUPED, "seed")]
-        writer.writerows((*names, epoch, value) for epoch, value in winners_fitness(read_finished(folder)))
+        lines += [(*names, epoch, value) for epoch, value in winners_fitness(read_finished(folder))]
+    if as_json:
+        click.echo(json.dumps([dict(zip(head, line, strict=True)) for line in lines], indent=2))
+        return
+    csv.writer(sys.stdout, lineterminator="\n").writerows([head, *lines])
 
 
 def _done(file: Path) -> list[tuple[Status, Path]]:

@@ -1,0 +1,82 @@
+"""Whether the results in the workspace are those of `params.yaml` as it is now: `porse results` says so where not.
+
+DVC's locks name the inputs of each stage that ran, and the inputs hold the parameters that it read (porse/inputs).
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from porse.config import leaves, load_document, resolve_document
+from porse.documents import read_yaml
+from porse.errors import ParamsError
+
+_SHOWN = 3
+"""So many parameters that differ are named one by one."""
+
+
+def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
+    """Returns the parameters that are no longer those of the run in `root`, by name, each as (then, now).
+
+    Only what the run's stages read counts, and of these only stages whose inputs are still in the workspace or in DVC's
+    cache: without them nothing is known, and nothing is returned.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read.
+    """
+    where = root / "params.yaml"
+    now = dict(leaves(resolve_document(load_document(where), str(where), root).document))
+    found: dict[str, tuple[Any, Any]] = {}
+    for path, digest in sorted(_inputs_of_run(root)):
+        text = _content(root, path, digest)
+        if text is None:
+            continue
+        for name, value in leaves(json.loads(text)["parameters"]):
+            if name in now and now[name] != value:
+                found[name] = value, now[name]
+    return found
+
+
+def another_run(root: Path) -> str | None:
+    """Returns a sentence that says that the results in `root` are another run's, None where nothing says so."""
+    try:
+        changed = changed_parameters(root)
+    except ParamsError as error:
+        return f"expected to compare these results with params.yaml, found that it cannot be read: {error}"
+    if not changed:
+        return None
+    # What names a run comes first.
+    first = [name for name in ("task", "method", "ablation", "seed") if name in changed]
+    names = [*first, *(name for name in changed if name not in first)]
+    said = [f"{name}: {json.dumps(changed[name][0])}" for name in names[:_SHOWN]]
+    now = [f"{name}: {json.dumps(changed[name][1])}" for name in names[:_SHOWN]]
+    more = f" ({len(names) - _SHOWN} more parameters differ)" if len(names) > _SHOWN else ""
+    return (
+        f"these results are another run's: expected {', '.join(now)}, as params.yaml says, found results of "
+        f"{', '.join(said)}{more}; run `porse repro` for new ones, or take the change in params.yaml back"
+    )
+
+
+def _inputs_of_run(root: Path) -> Iterator[tuple[str, str]]:
+    """Yields path and MD5 of the inputs of each stage that ran, but for the one that writes them."""
+    for path in (root / "dvc.lock", *(root / "iterations").glob("*/dvc.lock")):
+        if not path.is_file():
+            continue
+        document = read_yaml(path)
+        for stage in ((document or {}).get("stages") or {}).values():
+            for dep in stage.get("deps") or []:
+                name = PurePosixPath(dep["path"])
+                if name.parent.name == "inputs":
+                    yield f"inputs/{name.name}", dep["md5"]
+
+
+def _content(root: Path, path: str, digest: str) -> bytes | None:
+    """Returns the file that had this hash when the stage ran, from the workspace or from DVC's cache."""
+    for place in (root / path, root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]):
+        if place.is_file():
+            content = place.read_bytes()
+            if hashlib.md5(content, usedforsecurity=False).hexdigest() == digest:
+                return content
+    return None
