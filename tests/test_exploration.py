@@ -167,10 +167,17 @@ def test_counts_and_bins_continue_from_a_state(each_episode, cut):
 
 
 def test_states_of_other_shapes_are_refused():
-    with pytest.raises(ValueError, match="of 1 progress variables, not of 2"):
-        ProgressSpace([True] * 2, 9, "grid").load_state(ProgressSpace([True], 9, "grid").state())
+    one, two = ([True], [True] * 2)
+    for have, want in ((one, two), (two, one)):
+        with pytest.raises(ValueError, match=f"of {len(have)} progress variables, not of {len(want)}"):
+            ProgressSpace(want, 9, "grid").load_state(ProgressSpace(have, 9, "grid").state())
     with pytest.raises(ValueError, match=r"\(3, 7\) numbers, not \(7,\)"):
         Counts(7, 3, False).load_state(Counts(7, 3, True).state())
+    with pytest.raises(ValueError, match=r"\(7,\) numbers, not \(3, 7\)"):
+        Counts(7, 3, True).load_state(Counts(7, 3, False).state())
+    # as many counts, and another number of cells beside them
+    with pytest.raises(ValueError, match=r"\(7,\) numbers, not \(7,\)"):
+        Counts(7, 3, False).load_state({**Counts(7, 3, False).state(), "visited": torch.zeros(5, dtype=torch.bool)})
 
 
 def test_the_cost_of_a_count_does_not_grow_with_the_steps_taken():

@@ -27,6 +27,12 @@ def test_centre_and_unit_are_the_median_and_a_quarter_of_the_95_percent_quantile
     assert centre_and_unit(doubles(10.0, 30.0, 20.0, 40.0).flatten()) == (20.0, 5.0)
 
 
+def test_the_quantile_is_the_190th_of_200():
+    # median 0, 189 values at most 2 from it, then one at 8, one at 16 and nine far off
+    values = doubles(*([0.0] * 150 + [2.0] * 39 + [8.0, -16.0] + [400.0, -400.0] * 4 + [400.0])).flatten()
+    assert centre_and_unit(values) == (0.0, 2.0)
+
+
 def test_what_does_not_vary_has_bins_of_a_thousandth_of_it():
     # 2^-10 up to 1, times the value beyond
     assert centre_and_unit(doubles(0.25, 0.25, 0.25).flatten()) == (0.25, 2.0**-10)
@@ -117,6 +123,16 @@ def test_a_step_is_counted_whole_before_it_is_read():
     assert again.own.tolist() == [[4, 2, 1]]
     assert again.mean.tolist() == [[2.0] * 3]
     assert (again.new_cells, counts.share_visited) == (1, 0.8)
+
+
+def test_where_nothing_was_ever_counted_the_mean_of_the_visits_is_zero():
+    for each_episode in (False, True):
+        counts = Counts(5, 2, each_episode)
+        cells = torch.tensor([[-1, -1], [3, -1]])
+        visits = counts.count(cells, no_ends(cells))
+        assert visits.own.tolist() == [[0, 0], [1, 0]]
+        # then one visit of one cell: the environments share it, or the second still has none
+        assert visits.mean.tolist() == [[0.0, 0.0], [1.0, 0.0 if each_episode else 1.0]]
 
 
 def test_an_episodes_counts_are_each_environments_own_and_end_with_it():

@@ -22,6 +22,7 @@ from porse.generation.values import alpha_question, beta_question
 from porse.identity import candidate_id, seed_for
 from porse.llm.request import Reply
 from porse.pool import Pool, policy_file
+from porse.search import breeding as breeding_module
 from porse.search.bayes import _mean_excess
 from porse.search.breeding import Breeding, Population, bred, plan
 from porse.search.elimination import (
@@ -630,6 +631,21 @@ def test_every_slot_and_iteration_and_run_breeds_by_draws_of_its_own(revolve):
     whole = [tuple((b.island, b.operator, b.parents) for b in breedings) for breedings in plans]
     assert len(set(whole)) == 3
     assert all(len({(b.island, b.operator, b.parents) for b in breedings}) > 1 for breedings in plans)
+
+
+def test_breeding_and_migration_draw_by_names_of_their_own(revolve, monkeypatch):
+    asked = []
+
+    def named_draw(*names):
+        asked.append(names)
+        return seed_for(*names)
+
+    monkeypatch.setattr(breeding_module, "seed_for", named_draw)
+    two = changed(dataclasses.replace(revolve, seed=5), generate={"candidates": 2})
+    plan([], two, 3)
+    assert asked == [(5, "breeding", 3, 0), (5, "breeding", 3, 1)]
+    bred(Population([], []), [], [], two, 3)
+    assert asked[-1] == (5, "migration", 3)
 
 
 def test_a_breeding_with_two_parents_is_a_crossover_and_happens_as_often_as_configured(revolve):

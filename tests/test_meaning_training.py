@@ -11,7 +11,9 @@ import torch
 from meaning_cases import changed, named, row_of
 from porse import tables
 from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
+from porse.errors import CheckpointError
 from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
+from porse.functions.verdict import CodeError
 from porse.identity import seed_for
 from porse.pool import Pool, policy_file, read_pool, write_pool
 from porse.training import candidate as candidate_module
@@ -186,6 +188,13 @@ def test_without_a_bonus_its_share_is_zero_and_no_cells_are_counted():
     assert paid(constant).series["bonus_share"] == 0.0
 
 
+def test_where_goal_and_bonus_cancel_out_the_share_is_the_bonuss_own_size():
+    # 0.5 x (0.5, 3, 4) and 0.5 x (-0.5, -3, -4): the mix is 0 everywhere
+    goal = Reward(lambda *_: (torch.tensor([-0.5, -3.0, -4.0]), {}), Fixed(), 0.5, 1.0, NoScale(), NoScale())
+    series = paid(goal).series
+    assert series["bonus_size"] == series["bonus_share"] == pytest.approx(0.5 * (6.5 / 3) ** 0.5)
+
+
 def test_means_are_over_all_steps_and_environments_and_begin_anew_with_an_epoch():
     goals = iter([[1.0, 3.0, 2.0], [6.0, 0.0, 3.0], [4.0, 8.0, 9.0]])
     reward = Reward(lambda *_: (torch.tensor(next(goals)), {}), NoBonus(), 0.0, 1.0, NoScale(), NoScale())
@@ -243,9 +252,20 @@ def test_a_stream_that_was_never_paid_stays_zero_and_one_that_never_varies_gets_
     assert ReturnScale(0.0, 2).apply(torch.full((7, 2), 0.1), no_ends(7, 2)).tolist() == [[1.0, 1.0]] * 7
     size = ReturnScale(0.9, 2)
     assert (size.deviation(), size.apply(nothing, ends).isfinite().all().item()) == (1.0, True)
+    # nor is there a size after zeros
+    assert size.deviation() == 1.0
     # one payment at last: of 12 returns one is 1
     first = torch.tensor([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     assert size.apply(first, ends)[2, 1].item() == pytest.approx(1.0 / (1 / 12 - 1 / 144) ** 0.5)
+
+
+def test_a_variance_below_a_trillionth_of_the_squared_mean_is_rounding():
+    # gamma 0, rewards 3 (1 - d) and 3 (1 + d): mean 3, variance 9 d^2; the limit is 9 x 2^-40
+    for times, expected in ((1.25, 3.0 * 1.25 * 2.0**-20), (0.75, 3.0)):
+        apart = times * 2.0**-20
+        size = ReturnScale(0.0, 2)
+        size.apply(3.0 * torch.tensor([[1.0 - apart, 1.0 + apart]], dtype=torch.float64), no_ends(1, 2))
+        assert size.deviation() == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_scale_continues_from_a_state():
@@ -289,6 +309,14 @@ def test_one_environment_whose_goal_is_not_finite_ends_the_training():
 
     # one of three
     with pytest.raises(CandidateFailed, match=r"not finite in 33\.3% of the epoch's states \(components: late\)"):
+        paid(Reward(goal, NoBonus(), 0.7, 2.0, NoScale(), NoScale()))
+
+
+def test_a_function_that_raises_ends_the_training():
+    def goal(task, variables):
+        raise CodeError("run", "odd")
+
+    with pytest.raises(CandidateFailed, match="its function raised in training: odd"):
         paid(Reward(goal, NoBonus(), 0.7, 2.0, NoScale(), NoScale()))
 
 
@@ -354,6 +382,9 @@ def test_counts_live_as_long_as_they_are_told():
     # 2, 4, 6, 8, 10 visits; or anew in the third and in the fifth epoch
     assert amounts(0) == pytest.approx([0.4 / n**0.5 for n in (2, 4, 6, 8, 10)])
     assert amounts(2) == pytest.approx([0.4 / n**0.5 for n in (2, 4, 2, 4, 2)])
+    # in the fourth; and in every epoch
+    assert amounts(3) == pytest.approx([0.4 / n**0.5 for n in (2, 4, 6, 2, 4)])
+    assert amounts(1) == pytest.approx([0.4 / 2**0.5] * 5)
 
 
 def test_bins_are_fixed_anew_with_the_counts():
@@ -365,6 +396,19 @@ def test_bins_are_fixed_anew_with_the_counts():
         for epoch, value in ((1, 3.0), (2, 6.0), (3, 9.0), (4, 12.0)):
             found.pay(epoch, torch.tensor([[[value]]]), no_ends(1, 1))
         assert found.space.state()["bins"][0, 0].item() == centre
+
+
+def test_a_mapping_bonus_remembers_its_bins_and_its_counts():
+    def made():
+        return MappingBonus(None, ProgressSpace([True], 5, "grid"), ledger(5, 2))
+
+    first, second = made(), made()
+    first.pay(1, torch.tensor([[[3.0], [3.0]]]), no_ends(1, 2))
+    assert set(first.state()) == {"bins", "counts", "visited"}
+    second.load_state(first.state())
+    # third and fourth visit of the cell around 3, and a first one of another cell
+    found = second.pay(2, torch.tensor([[[3.0], [9.0]], [[3.0], [3.0]]]), no_ends(2, 2))
+    assert found.amount.tolist() == [pytest.approx([0.4 / 3**0.5, 0.4]), pytest.approx([0.4 / 5**0.5] * 2)]
 
 
 def test_a_price_is_a_factor_times_the_sized_rarity():
@@ -403,7 +447,7 @@ def test_a_rewards_state_is_its_bonuss_and_its_scales():
 
 def test_no_bonus_is_zero_for_every_environment():
     seen, progress = NoBonus().see({"num_envs": 3})
-    assert (len(seen), progress, NoBonus().state()) == (3, {}, {})
+    assert (seen.shape, progress, NoBonus().state()) == ((3, 0), {}, {})
     found = NoBonus().pay(1, seen.unsqueeze(0), no_ends(1, 3))
     assert (found.amount.tolist(), found.series) == ([[0.0, 0.0, 0.0]], {})
 
@@ -694,6 +738,38 @@ def test_a_job_is_trained_with_its_own_start_length_and_draws(small, made, tmp_p
     assert (made["start"], made["finish"]) == (tmp_path / "start", tmp_path / "finish")
 
 
+@pytest.mark.parametrize(
+    ("error", "epoch", "failure", "outside"),
+    [
+        (CandidateFailed("its reward broke"), 3, "its reward broke, in epoch 3", False),
+        (CodeError("run", "odd"), 0, "its function cannot be run: odd, before its first epoch", False),
+        (ValueError("odd"), 1, "its training raised ValueError: odd, in epoch 1", False),
+        (SystemExit("bye"), 4, "its training raised SystemExit: bye, in epoch 4", False),
+        (MemoryError("full"), 2, "its training may take no more memory: MemoryError: full, in epoch 2", True),
+    ],
+)
+def test_a_failure_says_in_which_epoch_and_whether_its_cause_may_lie_outside(
+    small, made, tmp_path, monkeypatch, error, epoch, failure, outside
+):
+    def train(self, until, progress, before):
+        if epoch:
+            before(epoch)
+        raise error
+
+    monkeypatch.setattr(candidate_module.Trainer, "train", train)
+    assert train_candidate(job(tmp_path), small, lambda *_: None) == Outcome([], failure, outside)
+    assert "finish" not in made
+
+
+def test_a_fault_of_the_program_is_no_failed_candidate(small, made, tmp_path, monkeypatch):
+    def load(self, path):
+        raise CheckpointError("it is damaged")
+
+    monkeypatch.setattr(candidate_module.Trainer, "load", load)
+    with pytest.raises(CheckpointError, match="it is damaged"):
+        train_candidate(job(tmp_path), small, lambda *_: None)
+
+
 @pytest.mark.parametrize(("goal", "method"), [("human", "human_reward"), ("sparse", "sparse_reward")])
 def test_a_candidate_is_paid_the_goal_that_its_parameters_name(small, made, tmp_path, goal, method):
     chosen = changed(small, candidate={"goal": goal, "bonus": "none", "scale": 2.0}, train={"scaling": "none"})
@@ -740,6 +816,22 @@ def test_the_forms_of_a_bonus_are_lambda_times_what_they_say(small, made, tmp_pa
     own, other, _ = lone(small, made, tmp_path, form="calibrated", lambda_=0.25)
     deviation = first.std(unbiased=False).item()
     assert (own, other) == (pytest.approx(0.25 / deviation), pytest.approx(0.25 / deviation / 3**0.5))
+
+
+def test_functions_are_run_portably_where_the_numbers_are_to_be_portable(small, made, tmp_path, monkeypatch):
+    asked = []
+    for name in ("RewardFunction", "MappingFunction"):
+        real = getattr(candidate_module, name)
+
+        def function(program, portable, name=name, real=real):
+            asked.append((name, portable))
+            return real(program, portable)
+
+        monkeypatch.setattr(candidate_module, name, function)
+    for numerics in ("portable", "fast"):
+        train_candidate(job(tmp_path), dataclasses.replace(small, numerics=numerics), lambda *_: None)
+    assert sorted(asked[:2]) == [("MappingFunction", True), ("RewardFunction", True)]
+    assert sorted(asked[2:]) == [("MappingFunction", False), ("RewardFunction", False)]
 
 
 def test_counts_live_as_the_parameters_say(small, made, tmp_path):

@@ -4,6 +4,7 @@ import math
 import pytest
 
 from porse.config import ProbeParams
+from porse.search import bayes
 from porse.search.bayes import GRID, best_alpha, expected_improvement, initial_alphas, next_alpha
 
 PARAMS = ProbeParams(trainings=14, initial=6, share=0.4, length=0.2, noise=1e-6, xi=0.01)
@@ -110,6 +111,14 @@ def test_equal_improvements_go_to_the_smallest_alpha():
     assert next_alpha([0.0, 0.5, 1.0], [0.0, 1.0, 0.0], PARAMS) < 0.5
     # with nothing to gain anywhere, the smallest that is left
     assert next_alpha([0.0, 1.0], [0.0, 1.0], dataclasses.replace(PARAMS, length=0.2, noise=1e-6, xi=100.0)) == 0.01
+
+
+def test_improvements_that_differ_in_the_tenth_decimal_are_equal_and_in_the_ninth_are_not(monkeypatch):
+    for later, expected in ((0.5 + 4e-10, 0.02), (0.5 + 1e-9, 0.03)):
+        gains = [0.1, 0.5, later, *[0.2] * 96]
+        monkeypatch.setattr(bayes, "expected_improvement", lambda *_, gains=gains: gains)
+        # 0 and 1 are tried: the gains are of 0.01, 0.02, 0.03, ...
+        assert next_alpha([0.0, 1.0], [1.0, 2.0], PARAMS) == expected
 
 
 def test_the_best_alpha_is_that_of_the_highest_score_and_the_smallest_of_equals():
