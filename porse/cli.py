@@ -25,6 +25,7 @@ _LAZY = {
     "check-code": "porse.check_code:check_code",
     "play": "porse.show:play",
     "render": "porse.show:render",
+    "report": "porse.report.page:report",
     "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
