@@ -12,9 +12,9 @@ from porse.report.charts import Chart, Line, Mark
 from porse.report.figures import LENGTHS, chain_fitness
 from porse.report.results import Results
 from porse.search.schedule import mutants, varied
+from porse.tables import Row
 from porse.task_names import is_own
 from porse.tasks import find_task
-from porse.tables import Row
 
 _MEASURED = {
     "lineage": "policies trained as long as the lineage of winners",
@@ -92,8 +92,12 @@ def answers(results: Results) -> list[Fact]:
         if mean is not None:
             spread = "" if deviation is None else f" ± {figure(deviation)}"
             note = "the lineage of winners, trained again; mean" + (" and deviation" if spread else "")
-            facts.append(Fact(f"{what}, {_count(evaluation['seeds'], 'further seed')}", f"{figure(mean)}{spread}", note))
-    facts += [Fact(f"Seed {row['seed']}", "failed", row["failure"]) for row in results.evaluation.seeds if row["failure"]]
+            facts.append(
+                Fact(f"{what}, {_count(evaluation['seeds'], 'further seed')}", f"{figure(mean)}{spread}", note)
+            )
+    facts += [
+        Fact(f"Seed {row['seed']}", "failed", row["failure"]) for row in results.evaluation.seeds if row["failure"]
+    ]
     return facts
 
 
@@ -144,7 +148,8 @@ def weights(results: Results) -> list[dict[str, Any]]:
 def weights_chart(results: Results) -> Chart:
     """Returns the chart of the winners' beta and alpha by iteration."""
     lines = [
-        Line(name, [(row["iteration"], row[name]) for row in results.iterations], strong=True) for name in ("beta", "alpha")
+        Line(name, [(row["iteration"], row[name]) for row in results.iterations], strong=True)
+        for name in ("beta", "alpha")
     ]
     return Chart("Weights of the winners", "iteration", "weight", lines)
 

@@ -79,7 +79,9 @@ def functions(run: Run, row: Row, before: Row | None) -> list[Function]:
                 for other, why in earlier
                 if other[f"{kind}_source"]
             ]
-            found.append(Function(kind, listing(source), compared, attempts(run, kind, row[f"{kind}_key"], row["iteration"])))
+            found.append(
+                Function(kind, listing(source), compared, attempts(run, kind, row[f"{kind}_key"], row["iteration"]))
+            )
     return found
 
 
@@ -127,7 +129,8 @@ def population_chart(series: Mapping[tuple[int, str], Series], iteration: int, w
         key=lambda item: (item[0] == winner_id, item[0]),
     )
     lines = [
-        Line(f"{name} (winner)" if name == winner_id else name, points, strong=name == winner_id) for name, points in own
+        Line(f"{name} (winner)" if name == winner_id else name, points, strong=name == winner_id)
+        for name, points in own
     ]
     return Chart(f"Fitness of the candidates of iteration {iteration}", "epoch of the iteration", "fitness", lines)
 

@@ -132,10 +132,17 @@ def render(page: Page) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"figure": figure, "visible": visible, "anchor": anchor, "drawn": draw}
-    field = {"width": WIDTH, "height": HEIGHT, "left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
+    field = {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "left": LEFT,
+        "right": WIDTH - RIGHT,
+        "top": TOP,
+        "bottom": HEIGHT - BOTTOM,
+    }
     environment.globals |= {"field": field}
     # Safe: colours that pygments ships.
-    text = environment.get_template("page.html.jinja").render(page=page, code_style=Markup(style_sheet()))  # noqa: S704
+    text = environment.get_template("page.html.jinja").render(page=page, code_style=Markup(style_sheet()))
     size = len(text.encode("utf-8"))
     if size > MOST_BYTES:
         raise PorseError(
@@ -145,9 +152,7 @@ def render(page: Page) -> str:
 
 
 @click.command()
-@click.argument(
-    "run", default=Path(), required=False, type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@click.argument("run", default=Path(), required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--out",
     default="report.html",
@@ -161,5 +166,7 @@ def report(run: Path, out: Path) -> None:
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise PorseError(f"expected to write the page to {out}, found: {error.strerror}; choose another --out") from error
+        raise PorseError(
+            f"expected to write the page to {out}, found: {error.strerror}; choose another --out"
+        ) from error
     click.echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB; open it in a browser")

@@ -122,7 +122,9 @@ def _json(path: Path) -> Mapping[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise PorseError(f"expected a JSON object in {path}, found an unreadable file: {error}; run `dvc repro`") from error
+        raise PorseError(
+            f"expected a JSON object in {path}, found an unreadable file: {error}; run `dvc repro`"
+        ) from error
     if not isinstance(found, dict):
         raise PorseError(f"expected a JSON object in {path}, found a {type(found).__name__}; run `dvc repro`")
     return found

@@ -42,4 +42,4 @@ def differences(before: str, after: str) -> Markup:
 
 def _marked(text: str, lexer: Lexer) -> Markup:
     # Safe: the formatter escapes every token (`<`, `>`, `&` and both quotes), and adds only its own spans.
-    return Markup(highlight(visible(text), lexer, _FORMATTER).strip("\n"))  # noqa: S704
+    return Markup(highlight(visible(text), lexer, _FORMATTER).strip("\n"))
