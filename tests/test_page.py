@@ -42,26 +42,26 @@ def test_ticks_are_round_numbers_inside_the_range():
 
 def test_a_line_is_where_its_values_are_and_higher_is_further_up():
     drawing = draw(Chart("t", "x", "y", [Line("a", [(1, -3.0), (2, 1.0), (5, 0.0)])], [Mark(2, "here"), Mark(9)]))
-    # x from 64 to 628 for 1 to 5, y from 200 up to 18 for -3 to 1: a quarter of the way, and three quarters up
-    assert drawing.strokes[0].paths == ["64,200 205,18 628,63.5"]
+    # x from 64 to 468 for 1 to 5, y from 200 up to 18 for -3 to 1: a quarter of the way, and three quarters up
+    assert drawing.strokes[0].paths == ["64,200 165,18 468,63.5"]
     assert [(tick.at, tick.word) for tick in drawing.y_ticks] == [
         (200.0, "-3"), (154.5, "-2"), (109.0, "-1"), (63.5, "0"), (18.0, "1"),
     ]  # fmt: skip
     # a mark beyond the axis is not drawn
-    assert [(mark.at, mark.word) for mark in drawing.marks] == [(205.0, "here")]
+    assert [(mark.at, mark.word) for mark in drawing.marks] == [(165.0, "here")]
 
 
 def test_a_value_that_is_no_number_breaks_its_line_and_one_left_alone_is_a_dot():
     nan = float("nan")
     drawing = draw(Chart("t", "x", "y", [Line("a", [(1, 0.0), (2, 4.0), (3, nan), (4, 2.0), (5, float("inf"))])]))
-    assert drawing.strokes[0].paths == ["64,200 252,18"]
-    assert drawing.strokes[0].dots == [(628.0, 109.0)]
+    assert drawing.strokes[0].paths == ["64,200 198.7,18"]
+    assert drawing.strokes[0].dots == [(468.0, 109.0)]
     assert draw(Chart("t", "x", "y", [Line("a", [(1, nan)])])) is None
 
 
 def test_a_flat_line_and_a_line_of_one_point_can_be_drawn():
-    assert draw(Chart("t", "x", "y", [Line("a", [(1, 7.0), (2, 7.0)])])).strokes[0].paths == ["64,109 628,109"]
-    assert draw(Chart("t", "x", "y", [Line("a", [(3, 0.0)])])).strokes[0].dots == [(346.0, 109.0)]
+    assert draw(Chart("t", "x", "y", [Line("a", [(1, 7.0), (2, 7.0)])])).strokes[0].paths == ["64,109 468,109"]
+    assert draw(Chart("t", "x", "y", [Line("a", [(3, 0.0)])])).strokes[0].dots == [(266.0, 109.0)]
 
 
 def test_a_long_line_keeps_its_peaks():

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-WIDTH, HEIGHT = 640, 240
+WIDTH, HEIGHT = 480, 240
 """Of a drawing, in units of its view box."""
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 18, 40
 """Of the margins around the field that the lines are in."""
