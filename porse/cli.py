@@ -31,6 +31,7 @@ _LAZY = {
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",
+    "report": "porse.report.page:report",
     "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""

@@ -1,0 +1,45 @@
+"""Generated code as HTML: highlighted, and what differs from an earlier version. The text is hostile: it is escaped."""
+
+import difflib
+import unicodedata
+
+from markupsafe import Markup
+from pygments import highlight
+from pygments.formatters import HtmlFormatter
+from pygments.lexer import Lexer
+from pygments.lexers.diff import DiffLexer
+from pygments.lexers.python import PythonLexer
+
+_FORMATTER = HtmlFormatter(nowrap=True)
+_CONTEXT = 3
+"""Equal lines that are shown around a difference."""
+
+
+def style_sheet() -> str:
+    """Returns the style sheet that `listing` and `differences` are coloured by."""
+    return str(_FORMATTER.get_style_defs("pre"))
+
+
+def visible(text: str) -> str:
+    """Returns the text with its control characters, and those that turn the direction of writing, written out."""
+    return "".join(
+        f"\\u{ord(sign):04x}" if unicodedata.category(sign) in ("Cc", "Cf") and sign not in "\n\t" else sign
+        for sign in text
+    )
+
+
+def listing(source: str) -> Markup:
+    """Returns Python source, whatever is in it, as escaped and highlighted HTML."""
+    return _marked(source, PythonLexer())
+
+
+def differences(before: str, after: str) -> Markup:
+    """Returns what differs between two sources as escaped HTML; empty where nothing does."""
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=_CONTEXT, lineterm="")
+    # The first two lines name files, and there are none.
+    return _marked("\n".join(list(lines)[2:]), DiffLexer())
+
+
+def _marked(text: str, lexer: Lexer) -> Markup:
+    # Safe: the formatter escapes every token (`<`, `>`, `&` and both quotes), and adds only its own spans.
+    return Markup(highlight(visible(text), lexer, _FORMATTER).strip("\n"))
