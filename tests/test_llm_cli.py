@@ -428,5 +428,5 @@ def test_the_committed_replies_say_what_composed_them() -> None:
         ("offline", "offline", "batch")
     }
     assert {item.provenance.answered_by for item in records} == {
-        "a language model, offline, through batch mode, several replies in one context; not an API model"
+        "a language model, offline, through batch mode, one fresh context per reply; not an API model"
     }
