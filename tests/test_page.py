@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import kills
 from at_once import run_at_once
-from meaning_cases import row_of
+from meaning_cases import changed, row_of
 from porse import tables
 from porse.cli import main
 from porse.config import parse_params
@@ -257,6 +257,7 @@ METRICS = {
 @pytest.fixture
 def results(params):
     """Two iterations; the winner `w` of the first has three epochs in two rungs, the mutant `v` of the second two."""
+    params = changed(params, summarise={"references": {}, "thresholds": {"Quadcopter": -0.1}})
     candidates = [
         candidate(1, 0, "w", origin="new", reward_source=f"# {EVIL}", failure=""),
         candidate(2, 0, "v", origin="mutant", parent_id="w", reward_source="r = 2"),
