@@ -34,6 +34,7 @@ def written(tmp_path, monkeypatch, root):
     reward = (folder / "reward-0.py").read_text()
     (folder / "reward-1.py").write_text(reward.replace("near + steady, {", "2.0 * (near + steady), {"))
     shutil.copy(folder / "mapping-0.py", folder / "mapping-1.py")
+    shutil.copytree(root / "presets", tmp_path / "presets")
     monkeypatch.chdir(tmp_path)
     return folder
 
