@@ -92,7 +92,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_a_warm_stage_writes_and_says_what_a_cold_one_does(project, server):
     cold = ended(start(project, "stages.eliminate", *ELIMINATE, "--out", "cold"))
     warm = ended(start(project, "stages.eliminate", *ELIMINATE, "--out", "warm", **server))
-    assert cold == (0, "iteration 1 rung 1: 1 of 2 survive, best two with fitness -1.000\n", "", False)
+    assert cold == (0, "iteration 1 rung 1: 1 of 2 survive, best two with score -1.000\n", "", False)
     assert warm == (*cold[:3], True)
     assert contents(project / "warm") == contents(project / "cold")
     assert len(contents(project / "cold")) == 5
