@@ -68,7 +68,7 @@ def test_the_share_of_the_bonus_follows_beta_and_lambda(trained):
     def share(**sections):
         return next(value for epoch, series, value in trained(**sections)[1] if (epoch, series) == (1, "bonus_share"))
 
-    usual = share()
-    assert 0.01 < usual < 1.0
+    usual = share(exploration={"lambda_": 1.0})
+    assert 0.02 < usual < 1.0
     assert share(exploration={"lambda_": 0.0}) == 0.0
     assert share(exploration={"lambda_": 0.1}) < 0.3 * usual
