@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from porse import tables
 from porse.cli import main
 from porse.errors import PorseError
-from porse.suite.compare import Figure, paired, spread
+from porse.report.figures import spread
+from porse.suite.compare import Figure, paired
 from porse.suite.folders import folders_of, write_json
 
 SUITE = """
@@ -97,7 +98,7 @@ def test_few_pairs_have_no_interval_and_equal_ones_one_point():
     assert paired([0.5]) == {"difference": 0.5, "low": None, "high": None}
     assert paired([0.5, 0.5]) == {"difference": 0.5, "low": 0.5, "high": 0.5}
     # The squares of -0.5, -0.25 and 0.75 about 1.25 are 0.875, of which n - 1 is 2.
-    assert spread([0.75, 1.0, 2.0]) == {"mean": 1.25, "deviation": pytest.approx(0.4375**0.5)}
+    assert spread("score", [0.75, 1.0, 2.0]) == {"score_mean": 1.25, "score_std": pytest.approx(0.4375**0.5)}
 
 
 def test_figures_of_json_are_numbers_and_not_texts(sizes):

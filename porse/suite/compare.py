@@ -14,6 +14,7 @@ from scipy.stats import bootstrap
 
 from porse import tables
 from porse.errors import PorseError
+from porse.report.figures import spread
 from porse.suite.folders import Folders
 from porse.suite.plan import Entry, Suite
 from porse.suite.status import aligned
@@ -90,15 +91,10 @@ def compared(suite: Suite, folders: Folders, baseline: str, figures: Sequence[Fi
             differences = [values[seed] - base[seed] for seed in sorted(base)]
             row: dict[str, object] = dict(zip(COLUMNS[:4], group, strict=True))
             row |= {"figure": figure.name, "seeds": len(values)}
-            rows.append({**row, **spread(list(values.values())), **paired(differences)})
+            measured = spread(figure.name, list(values.values()))
+            row |= {"mean": measured[f"{figure.name}_mean"], "deviation": measured[f"{figure.name}_std"]}
+            rows.append({**row, **paired(differences)})
     return rows
-
-
-def spread(values: Sequence[float]) -> dict[str, float | None]:
-    """Returns mean and deviation of a sample (n - 1), None for fewer than two values."""
-    mean = math.fsum(values) / len(values)
-    squares = math.fsum((value - mean) ** 2 for value in values)
-    return {"mean": mean, "deviation": math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None}
 
 
 def paired(differences: Sequence[float]) -> dict[str, float | None]:
