@@ -7,8 +7,8 @@ from pathlib import Path
 import torch
 from PIL import Image
 
+from porse.picture import camera, first_simulation
 from porse.tasks.base import Task
-from porse.tasks.picture import camera, first_simulation
 from porse.training.actor import Actor
 
 WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25

@@ -57,8 +57,8 @@ def render(task: str, out: Path, seconds: float) -> None:
     _check_film(seconds)
     choose_renderer()
     from porse.film import HEIGHT, SEED, WIDTH, random_actor, write_gif
+    from porse.picture import picture, write_png
     from porse.tasks import make_task
-    from porse.tasks.picture import picture, write_png
 
     shown = make_task(task, 1, SEED)
     if out.suffix.lower() == ".png":

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from porse.gymnasium_front import register_tasks
 from porse.report.calibration import (
     PUBLISHED,
     Episodes,
@@ -19,7 +20,6 @@ from porse.report.calibration import (
     zero_actions,
 )
 from porse.tasks import TASKS, make_task
-from porse.tasks.gymnasium_front import register_tasks
 
 TABLE = Path(__file__).parent.parent / "docs" / "calibration.csv"
 STILL_OPEN = {"DoorCloseInward random_return", "GraspAndPlace random_return"}

@@ -10,10 +10,11 @@ import math
 import pytest
 import torch
 
-from porse.tasks import TASKS, make_task, shadow
-from porse.tasks.free_hands import FreeHandTask
-from porse.tasks.hands import TwoHandTask
-from porse.tasks.humanoid_scene import GEARS
+from porse.tasks import TASKS, make_task
+from porse.tasks.hands import shadow
+from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.two_hands import TwoHandTask
+from porse.tasks.humanoid.scene import GEARS
 from porse.tasks.success import SuccessTask
 
 NAMES = sorted(TASKS)

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from porse.tasks.anymal import DEFAULT, Anymal
+from porse.tasks.anymal.task import DEFAULT, Anymal
 
 
 def moving(command: tuple[float, float, float], velocity: tuple[float, float, float], turn: float) -> Anymal:

@@ -15,7 +15,7 @@ from porse.errors import TaskError
 from porse.sim.physics import CpuPhysics
 from porse.tasks import TASKS, make_task
 from porse.tasks.base import Task
-from porse.tasks.franka_scene import FINGER
+from porse.tasks.franka_cabinet.scene import FINGER
 
 ENVS = 4
 NAMES = sorted(TASKS)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from porse.sim.physics import CpuPhysics
-from porse.tasks.franka_cabinet import LOWER, START, UPPER, FrankaCabinet
+from porse.tasks.franka_cabinet.task import LOWER, START, UPPER, FrankaCabinet
 
 
 def opened(*openings: float) -> FrankaCabinet:

@@ -7,8 +7,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from porse.errors import TaskError
+from porse.gymnasium_front import TaskSingleEnv, TaskVectorEnv, register_tasks
 from porse.tasks import TASKS
-from porse.tasks.gymnasium_front import TaskSingleEnv, TaskVectorEnv, register_tasks
 
 NAMES = sorted(TASKS)
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from porse.picture import FOLLOWED, VIEWS, first_simulation, follow
 from porse.tasks import TASKS, looks, make_task
-from porse.tasks.picture import FOLLOWED, VIEWS, first_simulation, follow
 
 NAMES = sorted(TASKS)
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"

@@ -9,7 +9,7 @@ import torch
 from code_cases import compile_mapping, compile_reward
 from porse.sim import rotations
 from porse.tasks import TASKS, make_task
-from porse.tasks.hands import TwoHandTask
+from porse.tasks.hands.two_hands import TwoHandTask
 
 ENVS = 5
 HANDS = sorted(name for name, task in TASKS.items() if issubclass(task, TwoHandTask))

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from porse.tasks import shadow
+from porse.tasks.hands import shadow
 from porse.tasks.over import Over
 
 

@@ -157,7 +157,7 @@ def test_the_example_is_drawn_and_a_trained_policy_of_it_is_shown(root, project,
 
 
 def test_the_example_has_a_gymnasium_front(inside):
-    from porse.tasks.gymnasium_front import TaskVectorEnv
+    from porse.gymnasium_front import TaskVectorEnv
 
     env = TaskVectorEnv(NAME, 2)
     observations, _ = env.reset(seed=1)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from porse.picture import write_png
+from porse.report.task_layout import layout
+from porse.report.task_pages import PICTURES, page
 from porse.tasks import TASKS, make_task
-from porse.tasks.layout import layout
-from porse.tasks.page import PICTURES, page
-from porse.tasks.picture import write_png
 
 NAMES = sorted(TASKS)
 DOCS = Path(__file__).parent.parent / "docs"
@@ -50,7 +50,7 @@ def test_dimensions_are_those_of_the_paper():
 
 
 def test_the_page_is_current():
-    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(DOCS), "run: python -m porse.tasks.page docs"
+    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(DOCS), "run: python -m porse.report.task_pages docs"
 
 
 @pytest.mark.parametrize("name", NAMES)

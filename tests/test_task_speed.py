@@ -4,8 +4,8 @@ import time
 
 import torch
 
+from porse.report.task_speed import STEPS, measure
 from porse.tasks import make_task
-from porse.tasks.speed import STEPS, measure
 
 
 def test_the_speed_is_of_whole_control_steps_and_the_bare_physics_is_a_part_of_them():

@@ -14,9 +14,9 @@ import torch
 from porse.sim.physics import CpuPhysics
 from porse.tasks import make_task
 from porse.tasks.bottle_cap import BottleCap
-from porse.tasks.doors import DoorTask
-from porse.tasks.free_hands import FreeHandTask
-from porse.tasks.hands import TwoHandTask
+from porse.tasks.hands.doors import DoorTask
+from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.two_hands import TwoHandTask
 from porse.tasks.lift_underarm import LiftUnderarm
 from porse.tasks.push_block import PushBlock
 from porse.tasks.re_orientation import ReOrientation

@@ -7,8 +7,8 @@ angles, Euler angles, turns between a body and its goal, padding) only say what 
 from dataclasses import dataclass
 
 from porse.tasks.base import Task
-from porse.tasks.free_hands import FreeHandTask
-from porse.tasks.hands import TwoHandTask
+from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.two_hands import TwoHandTask
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.anymal_scene import FASTEST, JOINTS, anymal_scene
+from porse.tasks.anymal.scene import FASTEST, JOINTS, anymal_scene
 from porse.tasks.plain import plain_variables
 from porse.tasks.walking import WalkingTask
 from porse.variables import Variable

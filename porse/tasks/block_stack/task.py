@@ -1,26 +1,23 @@
 """BlockStack: two hands stack two cubes."""
 
 import math
-from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects, shadow
-from porse.tasks.free_hands import Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import (
+from porse.tasks.block_stack import scene
+from porse.tasks.hands import shadow
+from porse.tasks.hands.free_hands import Handle, handle_variables
+from porse.tasks.hands.handles import TableTask, hand_lost
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import (
     body_variables,
     free_hand_variables,
     goal_variables,
-    point_variables,
     root_variable,
 )
-from porse.tasks.handle_task import HandleTask
-from porse.variables import Variable
 
-FRICTION = 0.375
 NEAR = 0.07
 LOWER = (0.0, 0.0, 0.625)
 UPPER = (0.0, 0.0, 0.675)
@@ -28,41 +25,37 @@ PADDING = 4
 """Entries of the original's observations that it never writes."""
 
 
-class BlockStack(HandleTask):
+class BlockStack(TableTask):
     """Stack the cubes."""
 
-    NAME: ClassVar[str] = "BlockStack"
-    DESCRIPTION: ClassVar[str] = "two shadow hands stack two blocks into a tower"
-    STARTS: ClassVar[str] = "the cubes stand on the table, 0.2 m apart"
-    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 0.75 m or more"
-    FITNESS: ClassVar[str] = (
+    NAME = "BlockStack"
+    DESCRIPTION = "two shadow hands stack two blocks into a tower"
+    STARTS = "the cubes stand on the table, 0.2 m apart"
+    LOST = 0.75
+    ENDS = hand_lost(LOST)
+    FITNESS = (
         "the share of episodes in which the right cube once was within 7 cm of (0, 0, 0.625), and the left one "
         "within 7 cm of (0, 0, 0.675) and within 3 cm of its height"
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 428
-    EPISODE_LENGTH: ClassVar[int] = 250
-    TIME_LIMIT: ClassVar[int] = 250
-    FORCE_SCALE: ClassVar[float] = 0.2
-    TORQUE_SCALE: ClassVar[float] = 0.02
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.6, 0.7), (math.pi, 0.0, 3.14))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -0.6, 0.7), (math.pi, 0.0, 0.0))
-    PER_ENV_STATISTIC: ClassVar[bool] = True
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "goal", "table")
-    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("block", "block"), ("goal", "goal"))
-    HANDLES: ClassVar[tuple[Handle, ...]] = (
-        Handle("block_right_handle", "object"),
-        Handle("block_left_handle", "block"),
+    NUM_OBSERVATIONS = 428
+    EPISODE_LENGTH = TIME_LIMIT = 250
+    FORCE_SCALE = 0.2
+    TORQUE_SCALE = 0.02
+    RIGHT = shadow.BasePose((0.0, 0.6, 0.7), (math.pi, 0.0, 3.14))
+    LEFT = shadow.BasePose((0.0, -0.6, 0.7), (math.pi, 0.0, 0.0))
+    PER_ENV_STATISTIC = True
+    OBJECT_BODIES = ("object", "block", "goal", "table")
+    ACTORS = OBJECT_BODIES
+    BODIES = (("object", "object"), ("block", "block"), ("goal", "goal"))
+    HANDLES = (
+        Handle("block_right_handle", "object", "the right cube", hand="right"),
+        Handle("block_left_handle", "block", "the left cube", hand="left"),
     )
-    RIGHT_HANDLE: ClassVar[str] = "block_right_handle"
-    LEFT_HANDLE: ClassVar[str] = "block_left_handle"
-    LOST: ClassVar[float] = 0.75
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    VARIABLES = (
         *body_variables("object", "the right cube"),
         *goal_variables("goal", "the goal: 10 cm beside it, toward -y, the tower stands"),
         *body_variables("block", "the left cube"),
-        *point_variables("block_right_handle", "the right cube"),
-        *point_variables("block_left_handle", "the left cube"),
+        *handle_variables(HANDLES),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
         root_variable("block_indices", "the left cube"),
     )
@@ -76,10 +69,7 @@ class BlockStack(HandleTask):
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the table, the cubes on it, and the goal."""
-        objects.add_table(spec, (0.5, 1.0, 0.6), friction=0.2)
-        objects.add_block(spec, "object", (0.0, 0.1, 0.625), FRICTION)
-        objects.add_block(spec, "block", (0.0, -0.1, 0.625), FRICTION)
-        objects.add_goal(spec, (0.0, 0.1, 0.625))
+        scene.add_objects(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 428)`: two hands, both cubes, four zeros."""

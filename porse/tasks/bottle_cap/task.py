@@ -6,25 +6,19 @@ steps, when the cap's place is 11 cm lower; the left hand has to push up. The ob
 """
 
 import math
-from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import dress, objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
+from porse.tasks.bottle_cap import scene
+from porse.tasks.hands import shadow
+from porse.tasks.hands.free_hands import FreeHandTask, Handle
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import body_variables, free_hand_variables, goal_variables
 from porse.variables import Variable
 
-FRICTION = 2.0
-"""The original's is 100, which MuJoCo's contacts do not need."""
-
-RADIUS = 0.036
 OPEN = 0.03
-GOAL_LIFT = 1.0
-"""Height (m) of the goal above the bottle's start; it says nothing about the task."""
 
 DROPPED = 0.5
 CAP_LOST = 0.5
@@ -36,34 +30,29 @@ PADDING = 2
 class BottleCap(FreeHandTask):
     """Open the bottle."""
 
-    NAME: ClassVar[str] = "BottleCap"
-    DESCRIPTION: ClassVar[str] = (
-        "one shadow hand holds a bottle, and the other opens its cap without letting the bottle fall"
-    )
-    STARTS: ClassVar[str] = "the bottle, shut, lies in the left hand, and the right hand is above its cap"
-    ENDS: ClassVar[str] = (
+    NAME = "BottleCap"
+    DESCRIPTION = "one shadow hand holds a bottle, and the other opens its cap without letting the bottle fall"
+    STARTS = "the bottle, shut, lies in the left hand, and the right hand is above its cap"
+    ENDS = (
         "as soon as the place of the cap on the bottle (bottle_cap_pos) is at 0.5 m or lower or 0.5 m or more "
         "from the right palm, or the bottle is 0.2 m or more from the left palm"
     )
-    FITNESS: ClassVar[str] = (
-        "the share of episodes in which the cap once was more than 3 cm from the bottle's origin; shut it is 1 cm"
+    FITNESS = "the share of episodes in which the cap once was more than 3 cm from the bottle's origin; shut it is 1 cm"
+    NUM_OBSERVATIONS = 422
+    EPISODE_LENGTH = TIME_LIMIT = 125
+    FORCE_SCALE = 0.1
+    TORQUE_SCALE = 0.1
+    RIGHT = shadow.BasePose((0.0, -1.05, 0.5), (0.5, math.pi, math.pi))
+    LEFT = shadow.BasePose((0.0, -0.25, 0.45), (0.0, 0.87, 0.0))
+    PER_ENV_STATISTIC = True
+    OBJECT_BODIES = ("object", "link_1", "helper", "link_0", "goal", "table")
+    ACTORS = ("object", "goal", "table")
+    HANDLES = (
+        Handle("bottle", "object", "the bottle"),
+        Handle("bottle_cap", "object", "the place of the cap", (0.0, 0.0, 0.15)),
+        Handle("cap", "link_0", "the cap"),
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 422
-    EPISODE_LENGTH: ClassVar[int] = 125
-    TIME_LIMIT: ClassVar[int] = 125
-    FORCE_SCALE: ClassVar[float] = 0.1
-    TORQUE_SCALE: ClassVar[float] = 0.1
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.05, 0.5), (0.5, math.pi, math.pi))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -0.25, 0.45), (0.0, 0.87, 0.0))
-    PER_ENV_STATISTIC: ClassVar[bool] = True
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "helper", "link_0", "goal", "table")
-    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
-    HANDLES: ClassVar[tuple[Handle, ...]] = (
-        Handle("bottle", "object"),
-        Handle("bottle_cap", "object", (0.0, 0.0, 0.15)),
-        Handle("cap", "link_0"),
-    )
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    VARIABLES = (
         *body_variables("object", "the bottle"),
         *goal_variables("goal", "the goal (1 m above the bottle's own place)"),
         Variable("bottle_pos", "tensor", (3,), "m", "world", "position of the bottle"),
@@ -80,21 +69,7 @@ class BottleCap(FreeHandTask):
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the table far below, the bottle with its cap, and the goal."""
-        objects.add_table(spec, (0.3, 0.3, 0.1), y=-0.6)
-        base = objects.add_base(spec, "object", (0.0, -0.6, 0.5), (0.0, -0.7, 0.0))
-        body = objects.add_link(base, "link_1")
-        objects.add_rod(body, "foot", (0.0, -0.026, 0.0), (0.0, 0.03, 0.0), RADIUS, 0.25, FRICTION)
-        objects.add_rod(body, "bottle", (0.0, 0.03, 0.0), (0.0, 0.11, 0.0), RADIUS, 0.05, FRICTION)
-        objects.add_rod(body, "neck", (0.0, 0.11, 0.0), (0.0, 0.138, 0.0), 0.012, 0.02, FRICTION)
-        helper = body.add_body(name="helper", pos=[0.007, 0.0, 0.0075])
-        helper.mass, helper.inertia, helper.ipos = 1e-3, [1e-6] * 3, [0.0, 0.144, 0.0]
-        helper.explicitinertial = True
-        objects.add_slide(helper, "pull", (0.0, 1.0, 0.0), (0.0, 0.064), damping=0.5, friction=0.05)
-        cap = helper.add_body(name="link_0")
-        cap.add_joint(name="screw", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0], damping=1e-3, armature=1e-4)
-        objects.add_rod(cap, "cap", (-0.007, 0.139, -0.0075), (-0.007, 0.15, -0.0075), 0.013, 0.0026, FRICTION)
-        objects.add_goal(spec, (0.0, -0.6, 0.5), (0.0, -0.7, 0.0), lift=GOAL_LIFT)
-        dress.dress_bottle(spec)
+        scene.add_objects(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 422)`: two hands, the bottle, its cap, two zeros."""

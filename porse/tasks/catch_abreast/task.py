@@ -5,11 +5,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.tasks import shadow
-from porse.tasks.catch import catch_variables
-from porse.tasks.catch_free import FreeCatchTask
-from porse.tasks.hand_variables import palm_variables
-from porse.tasks.hands import HAND_BODIES, PALM
+from porse.tasks.hands import shadow
+from porse.tasks.hands.toss import FreeCatchTask, catch_variables
+from porse.tasks.hands.two_hands import HAND_BODIES, PALM
+from porse.tasks.hands.variables import palm_variables
 from porse.variables import Variable
 
 RIGHT_PLACE = torch.tensor([-0.3, -0.55, 0.5])

@@ -6,8 +6,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.tasks import shadow
-from porse.tasks.catch_free import FreeCatchTask
+from porse.tasks.hands import shadow
+from porse.tasks.hands.toss import FreeCatchTask
 
 STRAY = 0.1
 """Distance (m) of a mount from its place at which the episode ends."""

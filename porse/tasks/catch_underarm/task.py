@@ -3,8 +3,8 @@
 import math
 from typing import ClassVar
 
-from porse.tasks import shadow
-from porse.tasks.catch_free import FreeCatchTask
+from porse.tasks.hands import shadow
+from porse.tasks.hands.toss import FreeCatchTask
 
 
 class CatchUnderarm(FreeCatchTask):

@@ -1,25 +1,15 @@
 """DoorOpenInward: grasp the handles of a closed door and pull its panels open toward the hands."""
 
-from typing import ClassVar
-
-from porse.tasks import objects, shadow
-from porse.tasks.doors import INWARD, NEAR_HANDS, DoorTask, handles
-from porse.tasks.free_hands import Handle
+from porse.tasks.hands.doors import INWARD, INWARD_HANDLES, OpeningTask
 
 
-class DoorOpenInward(DoorTask):
+class DoorOpenInward(OpeningTask):
     """Grasp the handles of a closed door and pull its panels open toward the hands."""
 
-    NAME: ClassVar[str] = "DoorOpenInward"
-    DESCRIPTION: ClassVar[str] = (
+    NAME = "DoorOpenInward"
+    DESCRIPTION = (
         "two shadow hands open a closed double door that opens toward them only: both hands must grasp the "
         "handles and pull the panels open"
     )
-    STARTS: ClassVar[str] = "both panels are shut, with the handles 0.067 m apart along y"
-    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.5 m or more"
-    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were more than 0.5 m apart along y"
-    RIGHT: ClassVar[shadow.BasePose] = NEAR_HANDS[0]
-    LEFT: ClassVar[shadow.BasePose] = NEAR_HANDS[1]
-    EULER: ClassVar[objects.Vector] = INWARD
-    HANDLES: ClassVar[tuple[Handle, ...]] = handles(0.04)
-    OPENS: ClassVar[bool] = True
+    EULER = INWARD
+    HANDLES = INWARD_HANDLES

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
-from porse.tasks.franka_scene import STANCE, drives, franka_scene
+from porse.tasks.franka_cabinet.scene import STANCE, drives, franka_scene
 from porse.tasks.plain import plain_variables
 from porse.tasks.success import SuccessTask
 from porse.variables import Variable

@@ -6,17 +6,19 @@ have a little friction; gravity does not act on the panels, as in the original.
 """
 
 import math
+from abc import abstractmethod
 from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import looks, objects, shadow
-from porse.tasks.free_hands import Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
-from porse.tasks.handle_task import HandleTask
+from porse.tasks import looks
+from porse.tasks.hands import objects, shadow
+from porse.tasks.hands.free_hands import Handle, handle_variables
+from porse.tasks.hands.handles import HandleTask, hand_lost
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import body_variables, free_hand_variables, goal_variables
 from porse.variables import Variable
 
 FRICTION = 0.55
@@ -72,12 +74,16 @@ def add_door(spec: mujoco.MjSpec, euler: objects.Vector) -> None:
         spec.geom(panel).rgba = looks.WOOD
 
 
-def handles(offset: float) -> tuple[Handle, ...]:
+def _handles(offset: float) -> tuple[Handle, ...]:
     """Returns the handles, `offset` (m) before the panels."""
     return (
-        Handle("door_left_handle", "link_2", (-0.39, -0.5, offset)),
-        Handle("door_right_handle", "link_1", (0.39, -0.5, offset)),
+        Handle("door_left_handle", "link_2", "the handle for the left hand", (-0.39, -0.5, offset), hand="left"),
+        Handle("door_right_handle", "link_1", "the handle for the right hand", (0.39, -0.5, offset), hand="right"),
     )
+
+
+INWARD_HANDLES = _handles(0.04)
+OUTWARD_HANDLES = _handles(-0.04)
 
 
 class DoorTask(HandleTask):
@@ -85,7 +91,6 @@ class DoorTask(HandleTask):
 
     Attributes:
         EULER: orientation of the door.
-        OPENS: whether success is an open door (else a closed one).
         CONSTANT: constant of the human reward.
         GOAL_LIFT: height (m) of the goal above the door.
     """
@@ -94,24 +99,20 @@ class DoorTask(HandleTask):
     EPISODE_LENGTH: ClassVar[int] = 250
     TIME_LIMIT: ClassVar[int] = 250
     TORQUE_SCALE: ClassVar[float] = 0.5
+    LOST: ClassVar[float] = 1.5
+    ENDS: ClassVar[str] = hand_lost(LOST)
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_0", "link_1", "link_2", "goal")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
     VARIABLES: ClassVar[tuple[Variable, ...]] = (
         *body_variables("object", "the door"),
         *goal_variables("goal", "the goal (high above the door's own place)"),
-        *point_variables("door_left_handle", "the handle for the left hand"),
-        *point_variables("door_right_handle", "the handle for the right hand"),
+        *handle_variables(INWARD_HANDLES),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
     )
 
-    RIGHT_HANDLE: ClassVar[str] = "door_right_handle"
-    LEFT_HANDLE: ClassVar[str] = "door_left_handle"
-
     EULER: ClassVar[objects.Vector]
-    OPENS: ClassVar[bool]
     CONSTANT: ClassVar[float] = 2.0
     GOAL_LIFT: ClassVar[float] = objects.LIFT
-    LOST: ClassVar[float] = 1.5
 
     door_left_handle_pos: Tensor
     door_right_handle_pos: Tensor
@@ -138,14 +139,47 @@ class DoorTask(HandleTask):
         """Returns the distance (m) between the handles along y, `(num_envs,)`."""
         return (self.door_right_handle_pos[:, 1] - self.door_left_handle_pos[:, 1]).abs()
 
-    def succeeded(self) -> Tensor:
-        """Returns where the handles are more (opening tasks) or less (closing tasks) than half a metre apart."""
-        return self.separation() > HALF_OPEN if self.OPENS else self.separation() < HALF_OPEN
+    @abstractmethod
+    def moved(self) -> Tensor:
+        """Returns what the human reward pays for with both hands near, `(num_envs,)`."""
 
     def human_reward(self) -> Tensor:
         """Returns CONSTANT minus both reaches, and with both hands near 2 s (opening) or 1 - 2 s (closing)."""
         right, left = self.reaches()
-        spread = 2.0 * self.separation()
-        moved = spread if self.OPENS else 1.0 - spread
         both = (right < 0.5) & (left < 0.5)
-        return self.CONSTANT - right - left + torch.where(both, moved, 0.0)
+        return self.CONSTANT - right - left + torch.where(both, self.moved(), 0.0)
+
+
+class OpeningTask(DoorTask):
+    """A shut door to be opened."""
+
+    STARTS: ClassVar[str] = "both panels are shut, with the handles 0.067 m apart along y"
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were more than 0.5 m apart along y"
+    RIGHT: ClassVar[shadow.BasePose] = NEAR_HANDS[0]
+    LEFT: ClassVar[shadow.BasePose] = NEAR_HANDS[1]
+
+    def succeeded(self) -> Tensor:
+        """Returns where the handles are more than half a metre apart."""
+        return self.separation() > HALF_OPEN
+
+    def moved(self) -> Tensor:
+        """Returns twice the separation."""
+        return 2.0 * self.separation()
+
+
+class ClosingTask(DoorTask):
+    """An open door to be closed."""
+
+    FITNESS: ClassVar[str] = "the share of episodes in which the handles once were less than 0.5 m apart along y"
+    START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {
+        "link_1_hinge": (1.57, 1.57),
+        "link_2_hinge": (1.57, 1.57),
+    }
+
+    def succeeded(self) -> Tensor:
+        """Returns where the handles are less than half a metre apart."""
+        return self.separation() < HALF_OPEN
+
+    def moved(self) -> Tensor:
+        """Returns 1 minus twice the separation."""
+        return 1.0 - 2.0 * self.separation()

@@ -12,10 +12,11 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks import shadow
-from porse.tasks.hand_observations import free_hands, hand_observations, moving_body
-from porse.tasks.hand_variables import FREE_ACTIONS, SIDES
-from porse.tasks.hands import DISTAL, HAND_BODIES, PALM, TwoHandTask
+from porse.tasks.hands import shadow
+from porse.tasks.hands.observations import free_hands, hand_observations, moving_body
+from porse.tasks.hands.two_hands import DISTAL, HAND_BODIES, PALM, TwoHandTask
+from porse.tasks.hands.variables import FREE_ACTIONS, SIDES, point_variables
+from porse.variables import Variable
 
 PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
 """Palm point in the frame of the palm (m)."""
@@ -31,12 +32,21 @@ class Handle:
     Attributes:
         name: offered as `name`_pos and `name`_rot.
         body: the body, one of the task's `OBJECT_BODIES`.
+        meaning: what is there, in words for prompts.
         offset: in the body's frame (m).
+        hand: "right" or "left" where that hand reaches for it, else empty.
     """
 
     name: str
     body: str
+    meaning: str
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hand: str = ""
+
+
+def handle_variables(handles: tuple[Handle, ...]) -> tuple[Variable, ...]:
+    """Returns position and orientation of the handles as variables."""
+    return tuple(v for handle in handles for v in point_variables(handle.name, handle.meaning))
 
 
 class FreeHandTask(TwoHandTask):

@@ -12,7 +12,8 @@ import math
 
 import mujoco
 
-from porse.tasks import looks, shadow
+from porse.tasks import looks
+from porse.tasks.hands import shadow
 
 Vector = tuple[float, float, float]
 

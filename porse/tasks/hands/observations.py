@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks import shadow
+from porse.tasks.hands import shadow
 
 if TYPE_CHECKING:
-    from porse.tasks.hands import TwoHandTask
+    from porse.tasks.hands.two_hands import TwoHandTask
 
 JOINT_RANGES = torch.tensor(shadow.RANGES)
 """Lower and upper limits (rad) of a hand's joints, `(24, 2)`."""

@@ -5,7 +5,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.tasks.hands import TwoHandTask
+from porse.tasks.hands.two_hands import TwoHandTask
 
 OBJECTS = ("object", "object_another")
 

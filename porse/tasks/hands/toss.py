@@ -10,8 +10,10 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.hand_variables import body_variables, goal_variables, two_hand_variables
-from porse.tasks.hands import TwoHandTask
+from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.observations import free_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hands.two_hands import TwoHandTask
+from porse.tasks.hands.variables import FREE_ACTIONS, body_variables, goal_variables, two_hand_variables
 from porse.variables import Variable
 
 EGG_RADII = (0.03, 0.03, 0.04)
@@ -106,3 +108,26 @@ class CatchTask(TwoHandTask):
         """Returns exp(-0.2 (DISTANCE_SCALE d + angle to the goal's orientation))."""
         turn = rotations.rotation_distance(self.object_rot, self.goal_rot)
         return torch.exp(-0.2 * (self.DISTANCE_SCALE * self.distance() + turn))
+
+
+class FreeCatchTask(CatchTask, FreeHandTask):
+    """Throw and catch with hands that move."""
+
+    NUM_OBSERVATIONS: ClassVar[int] = 422
+    VARIABLES: ClassVar[tuple[Variable, ...]] = catch_variables(FREE_ACTIONS, NUM_OBSERVATIONS)
+    OBSERVATION_HELPERS = (hand_observations, free_hands, moving_body, goal_and_turn)
+    PER_ENV_STATISTIC: ClassVar[bool] = True
+
+    def _name_measurements(self) -> None:
+        FreeHandTask._name_measurements(self)
+
+    def compute_observations(self) -> Tensor:
+        """Returns the observations, `(num_envs, 422)`: two hands, the egg, its goal, and the turn between them."""
+        return torch.cat(
+            (
+                free_hands(self, self.root_state_tensor[:, 0, 0:3], self.root_state_tensor[:, 1, 0:3]),
+                moving_body(self.object_pose, self.object_linvel, self.object_angvel),
+                goal_and_turn(self.object_pose, self.goal_pose),
+            ),
+            dim=-1,
+        )

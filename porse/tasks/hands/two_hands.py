@@ -15,8 +15,9 @@ from torch import Tensor
 from porse.sim import bodies, rotations
 from porse.sim.bodies import Bodies
 from porse.sim.drag import kept_share
-from porse.tasks import looks, shadow
-from porse.tasks.hand_observations import JOINT_RANGES
+from porse.tasks import looks
+from porse.tasks.hands import shadow
+from porse.tasks.hands.observations import JOINT_RANGES
 from porse.tasks.success import SuccessTask
 
 HAND_BODIES = len(shadow.BODIES)

@@ -1,6 +1,6 @@
 """What the two-hand tasks offer to generated functions, besides what is a task's own."""
 
-from porse.tasks import shadow
+from porse.tasks.hands import shadow
 from porse.tasks.plain import plain_variables
 from porse.variables import Variable
 

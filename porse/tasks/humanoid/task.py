@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.humanoid_scene import GEARS, JOINTS, humanoid_scene
+from porse.tasks.humanoid.scene import GEARS, JOINTS, humanoid_scene
 from porse.tasks.plain import plain_variables
 from porse.tasks.walking import WalkingTask
 from porse.variables import Variable

@@ -4,23 +4,18 @@ Departure: the pot's friction is 2, the mean of the original's 3 and a hand's 1.
 """
 
 import math
-from typing import ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import dress, objects, shadow
-from porse.tasks.free_hands import FreeHandTask, Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables
+from porse.tasks.hands import shadow
+from porse.tasks.hands.free_hands import FreeHandTask, Handle
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import body_variables, free_hand_variables, goal_variables
+from porse.tasks.lift_underarm import scene
 from porse.variables import Variable
 
-FRICTION = 2.0
-START_HEIGHT = 0.466
-"""The pot stands on the table; the original's starts 1.5 cm inside it."""
-
-GOAL_HEIGHT = 0.85
 NEAR = 0.05
 DROPPED = 0.3
 LOST = 0.2
@@ -29,29 +24,26 @@ LOST = 0.2
 class LiftUnderarm(FreeHandTask):
     """Lift the pot."""
 
-    NAME: ClassVar[str] = "LiftUnderarm"
-    DESCRIPTION: ClassVar[str] = (
+    NAME = "LiftUnderarm"
+    DESCRIPTION = (
         "two shadow hands grasp the two handles of a pot and lift it together to the designated place above the table"
     )
-    STARTS: ClassVar[str] = (
-        "the pot stands on the table, with a hand, palm up, beside each handle; its goal is 0.384 m above it"
+    STARTS = "the pot stands on the table, with a hand, palm up, beside each handle; its goal is 0.384 m above it"
+    ENDS = "as soon as the pot is at 0.3 m or lower, or a palm is 20 cm or more from its handle"
+    FITNESS = "the share of episodes in which the pot once was within 5 cm of its goal"
+    NUM_OBSERVATIONS = 417
+    EPISODE_LENGTH = TIME_LIMIT = 500
+    FORCE_SCALE = 0.25
+    TORQUE_SCALE = 1.0
+    RIGHT = shadow.BasePose((0.0, 0.05, 0.45), (0.0, 0.0, 0.0))
+    LEFT = shadow.BasePose((0.0, -1.25, 0.45), (0.0, 0.0, math.pi))
+    OBJECT_BODIES = ("object", "link_1", "link_0", "goal", "table")
+    ACTORS = ("object", "goal", "table")
+    HANDLES = (
+        Handle("pot_right_handle", "object", "the handle for the right hand", (0.0, 0.15, 0.06)),
+        Handle("pot_left_handle", "object", "the handle for the left hand", (0.0, -0.15, 0.06)),
     )
-    ENDS: ClassVar[str] = "as soon as the pot is at 0.3 m or lower, or a palm is 20 cm or more from its handle"
-    FITNESS: ClassVar[str] = "the share of episodes in which the pot once was within 5 cm of its goal"
-    NUM_OBSERVATIONS: ClassVar[int] = 417
-    EPISODE_LENGTH: ClassVar[int] = 500
-    TIME_LIMIT: ClassVar[int] = 500
-    FORCE_SCALE: ClassVar[float] = 0.25
-    TORQUE_SCALE: ClassVar[float] = 1.0
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.05, 0.45), (0.0, 0.0, 0.0))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.25, 0.45), (0.0, 0.0, math.pi))
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "goal", "table")
-    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
-    HANDLES: ClassVar[tuple[Handle, ...]] = (
-        Handle("pot_right_handle", "object", (0.0, 0.15, 0.06)),
-        Handle("pot_left_handle", "object", (0.0, -0.15, 0.06)),
-    )
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    VARIABLES = (
         *body_variables("object", "the pot"),
         *goal_variables("goal", "the goal of the pot"),
         Variable("pot_right_handle_pos", "tensor", (3,), "m", "world", "position of the handle for the right hand"),
@@ -65,17 +57,7 @@ class LiftUnderarm(FreeHandTask):
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the table, the pot with its lid, and the goal."""
-        objects.add_table(spec, (0.3, 0.3, 0.4), y=-0.6, friction=FRICTION)
-        base = objects.add_base(spec, "object", (0.0, -0.6, START_HEIGHT))
-        body = objects.add_link(base, "link_1")
-        objects.add_rod(body, "pot", (0.0, -0.065, 0.0), (0.0, 0.069, 0.0), 0.12, 2.8, FRICTION)
-        objects.add_box(body, "right_handle", (-0.181, 0.045, -0.04), (-0.11, 0.065, 0.04), 0.1, FRICTION)
-        objects.add_box(body, "left_handle", (0.11, 0.045, -0.04), (0.181, 0.065, 0.04), 0.1, FRICTION)
-        lid = body.add_body(name="link_0")
-        objects.add_slide(lid, "lid", (0.0, 1.0, 0.0), (0.0, 0.06), damping=1.0, friction=1.0)
-        objects.add_rod(lid, "lid", (0.0, 0.07, 0.0), (0.0, 0.09, 0.0), 0.117, 1.0, FRICTION)
-        objects.add_goal(spec, (0.0, -0.6, GOAL_HEIGHT))
-        dress.dress_pot(spec)
+        scene.add_objects(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the pot, its handles."""

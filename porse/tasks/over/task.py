@@ -6,9 +6,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from porse.tasks import shadow
-from porse.tasks.catch import CatchTask, catch_variables
-from porse.tasks.hand_observations import fixed_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hands import shadow
+from porse.tasks.hands.observations import fixed_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hands.toss import CatchTask, catch_variables
 from porse.variables import Variable
 
 

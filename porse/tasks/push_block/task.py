@@ -4,67 +4,53 @@ As in the original, an episode in which the left cube arrives first is worth a h
 right cube's goal, since `object_pos` is the right cube; what it holds in the original is not known.
 """
 
-from typing import ClassVar
-
 import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import objects
-from porse.tasks.free_hands import Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import (
+from porse.tasks.hands.free_hands import Handle, handle_variables
+from porse.tasks.hands.handles import TableTask, hand_lost
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import (
     body_variables,
     free_hand_variables,
     goal_states_variable,
-    point_variables,
     root_variable,
 )
-from porse.tasks.handle_task import HandleTask
-from porse.variables import Variable
+from porse.tasks.push_block import scene
 
-FRICTION = 0.75
 NEAR = 0.1
-LEFT_GOAL = (-0.2, -0.2, 0.625)
-RIGHT_GOAL = (-0.2, 0.2, 0.625)
 PADDING = 5
 """Entries of the original's observations that it never writes."""
 
 
-class PushBlock(HandleTask):
+class PushBlock(TableTask):
     """Push both cubes to their goals."""
 
-    NAME: ClassVar[str] = "PushBlock"
-    DESCRIPTION: ClassVar[str] = (
+    NAME = "PushBlock"
+    DESCRIPTION = (
         "two shadow hands each reach for a block on a table and push it to its goal; this is a relatively simple task"
     )
-    STARTS: ClassVar[str] = "both cubes stand on the table, each 0.2 m from its goal"
-    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.2 m or more"
-    FITNESS: ClassVar[str] = (
+    STARTS = "both cubes stand on the table, each 0.2 m from its goal"
+    LOST = 1.2
+    ENDS = hand_lost(LOST)
+    FITNESS = (
         "the mean credit of the episodes: 1 where both cubes were within 10 cm of their goals at once, but 0.5 "
         "where the left one was there first alone, and 0 where it never was"
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 428
-    EPISODE_LENGTH: ClassVar[int] = 125
-    TIME_LIMIT: ClassVar[int] = 125
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "block", "left_goal", "right_goal", "table")
-    ACTORS: ClassVar[tuple[str, ...]] = OBJECT_BODIES
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = (("object", "object"), ("goal", "right_goal"))
-    HANDLES: ClassVar[tuple[Handle, ...]] = (
-        Handle("block_right_handle", "object"),
-        Handle("block_left_handle", "block"),
-        Handle("left_goal", "left_goal"),
-        Handle("right_goal", "right_goal"),
+    NUM_OBSERVATIONS = 428
+    OBJECT_BODIES = ("object", "block", "left_goal", "right_goal", "table")
+    ACTORS = OBJECT_BODIES
+    BODIES = (("object", "object"), ("goal", "right_goal"))
+    HANDLES = (
+        Handle("block_right_handle", "object", "the right cube", hand="right"),
+        Handle("block_left_handle", "block", "the left cube", hand="left"),
+        Handle("left_goal", "left_goal", "the goal of the left cube"),
+        Handle("right_goal", "right_goal", "the goal of the right cube"),
     )
-    RIGHT_HANDLE: ClassVar[str] = "block_right_handle"
-    LEFT_HANDLE: ClassVar[str] = "block_left_handle"
-    LOST: ClassVar[float] = 1.2
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    VARIABLES = (
         *body_variables("object", "the right cube"),
-        *point_variables("block_right_handle", "the right cube"),
-        *point_variables("block_left_handle", "the left cube"),
-        *point_variables("left_goal", "the goal of the left cube"),
-        *point_variables("right_goal", "the goal of the right cube"),
+        *handle_variables(HANDLES),
         goal_states_variable("the goal of the right cube"),
         *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
         root_variable("block_indices", "the left cube"),
@@ -78,15 +64,7 @@ class PushBlock(HandleTask):
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the table, the cubes on it, and their goals."""
-        objects.add_table(spec, (1.0, 1.0, 0.6), friction=0.5)
-        objects.add_block(spec, "object", (0.0, 0.2, 0.625), FRICTION)
-        objects.add_block(spec, "block", (0.0, -0.2, 0.625), FRICTION)
-        objects.add_goal(spec, LEFT_GOAL, name="left_goal")
-        objects.add_goal(spec, RIGHT_GOAL, name="right_goal")
-        for name in ("left_goal", "right_goal"):
-            site = spec.site(name)
-            site.type, site.size, site.material = mujoco.mjtGeom.mjGEOM_BOX, [0.025, 0.025, 0.025], "cube"
-            site.rgba = [1.0, 1.0, 1.0, 0.4]
+        scene.add_objects(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 428)`: two hands, the right cube, both cubes, both goals, five zeros."""

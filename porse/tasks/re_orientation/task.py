@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks import objects, shadow
-from porse.tasks.hand_observations import fixed_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hand_variables import body_variables, goal_variables, root_variable, two_hand_variables
-from porse.tasks.pair import PairTask
+from porse.tasks.hands import objects, shadow
+from porse.tasks.hands.observations import fixed_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hands.pair import PairTask
+from porse.tasks.hands.variables import body_variables, goal_variables, root_variable, two_hand_variables
 from porse.variables import Variable
 
 STARTS = ((0.0, -0.39, 0.6), (0.0, -0.76, 0.6))

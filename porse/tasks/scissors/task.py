@@ -6,60 +6,40 @@ import mujoco
 import torch
 from torch import Tensor
 
-from porse.tasks import dress, objects
-from porse.tasks.free_hands import Handle
-from porse.tasks.hand_observations import free_hands, moving_body
-from porse.tasks.hand_variables import body_variables, free_hand_variables, goal_variables, point_variables
-from porse.tasks.handle_task import HandleTask
+from porse.tasks.hands.free_hands import Handle, handle_variables
+from porse.tasks.hands.handles import TableTask, hand_lost
+from porse.tasks.hands.observations import free_hands, moving_body
+from porse.tasks.hands.variables import body_variables, free_hand_variables, goal_variables
+from porse.tasks.scissors import scene
 from porse.variables import Variable
 
-THICKNESS = 0.012
 OPEN = -0.3
 """Angle (rad) of the scissors above which they count as open; closed is -0.597."""
 
-CLOSED = -0.59
 
-
-def _add_half(body: mujoco.MjsBody, name: str, side: int) -> None:
-    """Adds a blade toward -x and a handle toward +x and side * z, in one plane."""
-    low, high = -THICKNESS / 2, THICKNESS / 2
-    objects.add_box(body, f"{name}_blade", (-0.2, low, -0.012), (0.02, high, 0.012), 0.03)
-    near, far = sorted((0.0, 0.06 * side))
-    objects.add_box(body, f"{name}_neck", (0.0, low, near), (0.14, high, far), 0.03)
-    near, far = sorted((0.06 * side, 0.12 * side))
-    objects.add_box(body, f"{name}_grip", (0.12, low, near), (0.24, high, far), 0.04)
-
-
-class Scissors(HandleTask):
+class Scissors(TableTask):
     """Open the scissors."""
 
-    NAME: ClassVar[str] = "Scissors"
-    DESCRIPTION: ClassVar[str] = (
-        "two shadow hands open a pair of scissors: the hands reach for the two handles and spread them"
+    NAME = "Scissors"
+    DESCRIPTION = "two shadow hands open a pair of scissors: the hands reach for the two handles and spread them"
+    STARTS = "the scissors lie shut on the table, at -0.59 rad"
+    LOST = 1.75
+    ENDS = hand_lost(LOST)
+    FITNESS = "the share of episodes in which the scissors once were open beyond -0.3 rad"
+    NUM_OBSERVATIONS = 417
+    EPISODE_LENGTH = TIME_LIMIT = 150
+    OBJECT_BODIES = ("object", "link_1", "link_0", "goal", "table")
+    HANDLES = (
+        Handle("scissors_right_handle", "link_0", "the handle for the right hand", (0.2, 0.0, -0.1), hand="right"),
+        Handle("scissors_left_handle", "link_1", "the handle for the left hand", (0.15, 0.0, 0.1), hand="left"),
     )
-    STARTS: ClassVar[str] = "the scissors lie shut on the table, at -0.59 rad"
-    ENDS: ClassVar[str] = "as soon as the distances of one hand's five fingertips from its handle sum to 1.75 m or more"
-    FITNESS: ClassVar[str] = "the share of episodes in which the scissors once were open beyond -0.3 rad"
-    NUM_OBSERVATIONS: ClassVar[int] = 417
-    EPISODE_LENGTH: ClassVar[int] = 150
-    TIME_LIMIT: ClassVar[int] = 150
-    OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "link_1", "link_0", "goal", "table")
-    ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal", "table")
-    HANDLES: ClassVar[tuple[Handle, ...]] = (
-        Handle("scissors_right_handle", "link_0", (0.2, 0.0, -0.1)),
-        Handle("scissors_left_handle", "link_1", (0.15, 0.0, 0.1)),
-    )
-    RIGHT_HANDLE: ClassVar[str] = "scissors_right_handle"
-    LEFT_HANDLE: ClassVar[str] = "scissors_left_handle"
-    LOST: ClassVar[float] = 1.75
-    START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {"scissors": (CLOSED, 0.0)}
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    START_JOINTS: ClassVar[dict[str, tuple[float, float]]] = {"scissors": (scene.CLOSED, 0.0)}
+    VARIABLES = (
         *body_variables("object", "the scissors"),
         *goal_variables("goal", "the goal (10 m above the scissors' own place)"),
-        *point_variables("scissors_right_handle", "the handle for the right hand"),
-        *point_variables("scissors_left_handle", "the handle for the left hand"),
+        *handle_variables(HANDLES),
         Variable("object_dof_pos", "tensor", (1,), "rad", "joint", "angle of the scissors: -0.597 closed, 0.4 wide"),
-        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, ACTORS),
+        *free_hand_variables(NUM_OBSERVATIONS, OBJECT_BODIES, TableTask.ACTORS),
     )
 
     scissors_right_handle_pos: Tensor
@@ -69,15 +49,7 @@ class Scissors(HandleTask):
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the table, the scissors, and the goal."""
-        objects.add_table(spec, (0.5, 1.0, 0.6))
-        base = objects.add_base(spec, "object", (0.0, 0.0, 0.607), (0.0, 0.0, 1.57))
-        fixed = objects.add_link(base, "link_1")
-        _add_half(fixed, "link_1", side=1)
-        moving = fixed.add_body(name="link_0", pos=[-0.0698, 0.0, 0.0034])
-        _add_half(moving, "link_0", side=-1)
-        objects.add_hinge(moving, "scissors", (0.0, 1.0, 0.0), (-0.5969, 0.4), damping=0.02, friction=0.01)
-        objects.add_goal(spec, (0.0, 0.0, 0.607), (0.0, 0.0, 1.57), lift=objects.LIFT)
-        dress.dress_scissors(spec)
+        scene.add_objects(spec)
 
     def compute_observations(self) -> Tensor:
         """Returns the observations, `(num_envs, 417)`: two hands, the scissors, their handles."""

@@ -8,18 +8,18 @@ from typing import ClassVar
 
 from torch import Tensor
 
-from porse.tasks.switch import LIMIT, Switch
+from porse.tasks.hands.switches import LIMIT, SwitchTask
 
 LOW = 0.693
 """Height (m) of a tracked point, at or below which its switch counts as pressed: 0.7023 at the start, 0.6917 lowest."""
 
 
-class SwitchReachable(Switch):
+class SwitchReachable(SwitchTask):
     """Press both switches, from their upper stops."""
 
-    NAME: ClassVar[str] = "SwitchReachable"
-    STARTS: ClassVar[str] = "both rockers are at their upper stop, their tracked points at a height of 0.702 m"
-    FITNESS: ClassVar[str] = (
+    NAME = "SwitchReachable"
+    STARTS = "both rockers are at their upper stop, their tracked points at a height of 0.702 m"
+    FITNESS = (
         "the share of episodes in which the tracked points of both rockers once were at 0.693 m or lower at the "
         "same time"
     )

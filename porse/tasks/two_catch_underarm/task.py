@@ -8,18 +8,18 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks import shadow
-from porse.tasks.catch import add_egg, add_goal_egg
-from porse.tasks.free_hands import FreeHandTask
-from porse.tasks.hand_observations import free_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hand_variables import (
+from porse.tasks.hands import shadow
+from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.observations import free_hands, goal_and_turn, hand_observations, moving_body
+from porse.tasks.hands.pair import PairTask
+from porse.tasks.hands.toss import add_egg, add_goal_egg
+from porse.tasks.hands.variables import (
     FREE_ACTIONS,
     body_variables,
     goal_variables,
     root_variable,
     two_hand_variables,
 )
-from porse.tasks.pair import PairTask
 from porse.variables import Variable
 
 STARTS = ((0.0, -0.39, 0.54), (0.0, -0.78, 0.54))
