@@ -14,7 +14,7 @@ from porse.tasks import TASKS, make_task
 from porse.tasks.hands import shadow
 from porse.tasks.hands.free_hands import FreeHandTask
 from porse.tasks.hands.two_hands import TwoHandTask
-from porse.tasks.humanoid.scene import GEARS
+from porse.tasks.humanoid.task import GEARS
 from porse.tasks.success import SuccessTask
 
 NAMES = sorted(TASKS)

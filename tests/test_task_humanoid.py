@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from porse.tasks.humanoid import Humanoid
-from porse.tasks.humanoid.scene import GEARS, JOINTS
+from porse.tasks.humanoid.task import GEARS, JOINTS
 
 
 def standing(num_envs: int = 1) -> Humanoid:

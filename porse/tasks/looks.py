@@ -7,6 +7,7 @@ geoms that do collide are in group 3, which MuJoCo's renderer and viewer leave o
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -38,6 +39,11 @@ _SKY, _HORIZON = (0.36, 0.55, 0.78), (0.86, 0.91, 0.96)
 _TILES = ((0.62, 0.65, 0.68), (0.56, 0.59, 0.63), (0.5, 0.53, 0.57))
 _TILE_SIZE = 1.0
 """Width (m) of two floor tiles."""
+
+
+def read_scene(module: str) -> mujoco.MjSpec:
+    """Returns the scene in `scene.xml` beside a module, which gives its own `__file__`."""
+    return mujoco.MjSpec.from_string(Path(module).with_name("scene.xml").read_text(encoding="utf-8"))
 
 
 def surround(spec: mujoco.MjSpec, extent: float = 2.0, centre: Point = (0.0, 0.0, 0.5)) -> None:

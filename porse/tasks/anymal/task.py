@@ -12,10 +12,16 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.anymal.scene import FASTEST, JOINTS, anymal_scene
+from porse.tasks import looks
 from porse.tasks.plain import plain_variables
 from porse.tasks.walking import WalkingTask
 from porse.variables import Variable
+
+JOINTS = tuple(f"{leg}_{joint}" for leg in ("LF", "LH", "RF", "RH") for joint in ("HAA", "HFE", "KFE"))
+"""All joints, in the order of actions and observations: hip abduction, hip flexion, knee flexion of each leg."""
+
+FASTEST = 20.0
+"""Highest speed (rad/s) of a joint, by the robot's description."""
 
 DEFAULT = torch.tensor([0.03, 0.4, -0.8, 0.03, -0.4, 0.8, -0.03, 0.4, -0.8, -0.03, -0.4, 0.8])
 """Default joint angles (rad), in the order of `JOINTS`."""
@@ -28,28 +34,28 @@ TOUCHED = 1.0
 class Anymal(WalkingTask):
     """Follow velocity commands."""
 
-    NAME: ClassVar[str] = "Anymal"
-    DESCRIPTION: ClassVar[str] = "to make the quadruped follow randomly chosen x, y, and yaw target velocities"
-    STARTS: ClassVar[str] = (
+    NAME = "Anymal"
+    DESCRIPTION = "to make the quadruped follow randomly chosen x, y, and yaw target velocities"
+    STARTS = (
         "the quadruped stands at rest with its base at 0.62 m, its joints at 0.5 to 1.5 times their default "
         "angles, and a target velocity is drawn: x in [-2, 2] m/s, y in [-1, 1] m/s, yaw in [-1, 1] rad/s"
     )
-    ENDS: ClassVar[str] = "as soon as the base or a thigh touches something with more than 1 N"
-    FITNESS: ClassVar[str] = (
+    ENDS = "as soon as the base or a thigh touches something with more than 1 N"
+    FITNESS = (
         "minus the squared errors of the velocities in the body's frame, (m/s)^2 over x and y plus (rad/s)^2 of "
         "the yaw; 0 is the best"
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 48
-    NUM_ACTIONS: ClassVar[int] = 12
-    EPISODE_LENGTH: ClassVar[int] = 2500
-    TIME_LIMIT: ClassVar[int] = 2499
-    CONTROL_DT: ClassVar[float] = 0.02
-    SUBSTEPS: ClassVar[int] = 8
-    FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "sensordata")
-    JOINTS: ClassVar[tuple[str, ...]] = JOINTS
+    NUM_OBSERVATIONS = 48
+    NUM_ACTIONS = 12
+    EPISODE_LENGTH = 2500
+    TIME_LIMIT = 2499
+    CONTROL_DT = 0.02
+    SUBSTEPS = 8
+    FIELDS = ("qfrc_actuator", "qfrc_passive", "sensordata")
+    JOINTS = JOINTS
     FORCES: ClassVar[dict[str, int]] = {"torques": 12, "_touch": 5}
-    MEASURED: ClassVar[tuple[str, ...]] = ("torques", "_touch", "commands")
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    MEASURED = ("torques", "_touch", "commands")
+    VARIABLES = (
         Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the base"),
         Variable("dof_pos", "tensor", (12,), "rad", "joint", "joint angles: HAA, HFE, KFE of LF, LH, RF, RH"),
         Variable("default_dof_pos", "tensor", (12,), "rad", "joint", "joint angles of the default stance"),
@@ -75,7 +81,9 @@ class Anymal(WalkingTask):
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
         """Returns the quadruped on a plane."""
-        return anymal_scene()
+        spec = looks.read_scene(__file__)
+        looks.surround(spec)
+        return spec
 
     def _prepare(self) -> None:
         super()._prepare()

@@ -3,7 +3,7 @@
 After the Isaac Gym task of that name. Departures: the finger drives have stiffness 30 000 and push with 60 N instead of
 1e6 and 200 N, which this time step and soft contacts cannot carry; the arm's joints have an armature of 0.1 kg m2 (the original:
 none); the step has two physics steps instead of one; the handle is a bar on two posts, and the cubes ride with the drawer
-(see `franka_scene`). A drive's target leads its joint by no more than drives the joint at its highest speed.
+(see `scene.py`). A drive's target leads its joint by no more than drives the joint at its highest speed.
 """
 
 from typing import ClassVar
@@ -45,24 +45,22 @@ FINGER_TURN = torch.tensor([0.0, 0.0, -0.38268343, 0.92387953])
 class FrankaCabinet(SuccessTask):
     """Open the top drawer."""
 
-    NAME: ClassVar[str] = "FrankaCabinet"
-    FAMILY: ClassVar[str] = "isaac"
-    DESCRIPTION: ClassVar[str] = "to open the cabinet door"
-    STARTS: ClassVar[str] = (
-        "the cabinet is shut, and the arm is at rest in front of it, each joint within 0.125 rad of one pose"
-    )
-    ENDS: ClassVar[str] = "as soon as the top drawer is open by more than 0.39 m"
-    FITNESS: ClassVar[str] = "the share of episodes in which the top drawer came to be open by more than 0.39 m"
-    NUM_OBSERVATIONS: ClassVar[int] = 23
-    NUM_ACTIONS: ClassVar[int] = 9
-    EPISODE_LENGTH: ClassVar[int] = 500
-    TIME_LIMIT: ClassVar[int] = 499
-    CONTROL_DT: ClassVar[float] = 0.0166
-    SUBSTEPS: ClassVar[int] = 2
-    OBSERVATION_CLIP: ClassVar[float] = 5.0
-    FIELDS: ClassVar[tuple[str, ...]] = bodies.FIELDS
-    MEASURED: ClassVar[tuple[str, ...]] = ("rigid_body_states", "successes", "outcomes", "_targets")
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    NAME = "FrankaCabinet"
+    FAMILY = "isaac"
+    DESCRIPTION = "to open the cabinet door"
+    STARTS = "the cabinet is shut, and the arm is at rest in front of it, each joint within 0.125 rad of one pose"
+    ENDS = "as soon as the top drawer is open by more than 0.39 m"
+    FITNESS = "the share of episodes in which the top drawer came to be open by more than 0.39 m"
+    NUM_OBSERVATIONS = 23
+    NUM_ACTIONS = 9
+    EPISODE_LENGTH = 500
+    TIME_LIMIT = 499
+    CONTROL_DT = 0.0166
+    SUBSTEPS = 2
+    OBSERVATION_CLIP = 5.0
+    FIELDS = bodies.FIELDS
+    MEASURED = ("rigid_body_states", "successes", "outcomes", "_targets")
+    VARIABLES = (
         Variable("franka_grasp_pos", "tensor", (3,), "m", "world", "grasp point of the gripper"),
         Variable("franka_grasp_rot", "tensor", (4,), "1", "world", "orientation of the gripper"),
         Variable("drawer_grasp_pos", "tensor", (3,), "m", "world", "grasp point of the top drawer's handle"),

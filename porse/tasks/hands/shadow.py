@@ -89,6 +89,11 @@ class BasePose:
     euler: tuple[float, float, float]
 
 
+def palms_up(distance: float) -> tuple[BasePose, BasePose]:
+    """Returns the poses of a right and a left hand that lie palm up, face to face, so far (m) from each other."""
+    return BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0)), BasePose((0.0, -distance, 0.5), (0.0, 0.0, math.pi))
+
+
 def quaternion_product(p: tuple[float, ...], q: tuple[float, ...]) -> tuple[float, float, float, float]:
     """Returns the product of two quaternions in MuJoCo's order (w, x, y, z)."""
     pw, px, py, pz = p

@@ -41,6 +41,45 @@ def add_goal_egg(spec: mujoco.MjSpec, name: str) -> None:
     )  # fmt: skip
 
 
+SPREAD_STARTS = (
+    "the object is above the right hand, within 1 cm of one place on each axis, in a random orientation, and the goal is "
+    "at one place above the left hand, in another one; the joints of the hands are drawn at random, the same for both"
+)
+"""How an episode starts where there is noise, in words for prompts."""
+
+STRAY = 0.1
+"""Distance (m) of a hand from its place at which it has strayed."""
+
+
+def dropped_at(height: float) -> str:
+    """Returns when the egg is lost, as a clause for prompts."""
+    return f"as soon as the object is at {height:g} m or lower"
+
+
+def toss_reward(scale: float, distance: Tensor, turn: Tensor) -> Tensor:
+    """Returns exp(-0.2 (scale distance + turn)), what the originals pay for an egg near its goal, `(num_envs,)`.
+
+    Args:
+        scale: weight of the distance.
+        distance: of the egg from its goal (m).
+        turn: angle (rad) from the goal's orientation.
+    """
+    return torch.exp(-0.2 * (scale * distance + turn))
+
+
+def strayed(places: tuple[Tensor, Tensor], right: Tensor, left: Tensor) -> Tensor:
+    """Returns where a hand is 10 cm or more from its place, bool `(num_envs,)`.
+
+    Args:
+        places: where the right and the left hand belong (m).
+        right: where the right hand is, `(num_envs, 3)`.
+        left: where the left hand is.
+    """
+    offsets = (right - places[0], left - places[1])
+    far = [torch.norm(offset, dim=-1) >= STRAY for offset in offsets]
+    return far[0] | far[1]
+
+
 def catch_variables(actions: int, observations: int) -> tuple[Variable, ...]:
     """Returns what the tasks with one egg offer."""
     return (
@@ -61,16 +100,18 @@ class CatchTask(TwoHandTask):
         DISTANCE_SCALE: weight of the distance in the human reward.
     """
 
+    EPISODE_LENGTH: ClassVar[int] = 75
+    TIME_LIMIT: ClassVar[int] = 75
     OBJECT_BODIES: ClassVar[tuple[str, ...]] = ("object", "goal")
     ACTORS: ClassVar[tuple[str, ...]] = ("object", "goal")
     FITNESS: ClassVar[str] = (
         "the share of episodes in which the object came within 3 cm of its goal; its orientation does not count"
     )
     EGG_START: ClassVar[tuple[float, float, float]]
-    EGG_NOISE: ClassVar[float]
+    EGG_NOISE: ClassVar[float] = 0.0
     GOAL: ClassVar[tuple[float, float, float]]
     DROPPED: ClassVar[float]
-    DISTANCE_SCALE: ClassVar[float]
+    DISTANCE_SCALE: ClassVar[float] = 50.0
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
@@ -107,7 +148,7 @@ class CatchTask(TwoHandTask):
     def human_reward(self) -> Tensor:
         """Returns exp(-0.2 (DISTANCE_SCALE d + angle to the goal's orientation))."""
         turn = rotations.rotation_distance(self.object_rot, self.goal_rot)
-        return torch.exp(-0.2 * (self.DISTANCE_SCALE * self.distance() + turn))
+        return toss_reward(self.DISTANCE_SCALE, self.distance(), turn)
 
 
 class FreeCatchTask(CatchTask, FreeHandTask):

@@ -13,12 +13,24 @@ import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.humanoid.scene import GEARS, JOINTS, humanoid_scene
+from porse.tasks import looks
 from porse.tasks.plain import plain_variables
 from porse.tasks.walking import WalkingTask
 from porse.variables import Variable
 
-START_HEIGHT = 1.34
+_LEG_JOINTS = ("hip_x", "hip_z", "hip_y", "knee", "ankle_y", "ankle_x")
+_ARM_JOINTS = ("shoulder1", "shoulder2", "elbow")
+
+JOINTS = (
+    "abdomen_z", "abdomen_y", "abdomen_x",
+    *(f"{side}_{joint}" for side in ("right", "left") for joint in _LEG_JOINTS),
+    *(f"{side}_{joint}" for side in ("right", "left") for joint in _ARM_JOINTS),
+)  # fmt: skip
+"""All joints, in the order of actions and observations."""
+
+GEARS = (67.5, 67.5, 67.5, *(45.0, 45.0, 135.0, 90.0, 22.5, 22.5) * 2, *(67.5, 67.5, 45.0) * 2)
+"""Torque (N m) of each joint at action 1."""
+
 FALLEN = 0.8
 TARGET = (1000.0, 0.0, 0.0)
 FORWARD = torch.tensor([1.0, 0.0, 0.0])
@@ -36,25 +48,25 @@ def wrapped(angle: Tensor) -> Tensor:
 class Humanoid(WalkingTask):
     """Run as fast as possible."""
 
-    NAME: ClassVar[str] = "Humanoid"
-    DESCRIPTION: ClassVar[str] = "to make the humanoid run as fast as possible"
-    STARTS: ClassVar[str] = (
+    NAME = "Humanoid"
+    DESCRIPTION = "to make the humanoid run as fast as possible"
+    STARTS = (
         "the humanoid stands with its torso at 1.34 m, each joint within 0.2 rad of straight and turning at up to "
         "0.1 rad/s"
     )
-    ENDS: ClassVar[str] = "as soon as the torso is lower than 0.8 m"
-    FITNESS: ClassVar[str] = "the speed (m/s) at which the humanoid comes nearer to a target 1000 m ahead on the x axis"
-    NUM_OBSERVATIONS: ClassVar[int] = 108
-    NUM_ACTIONS: ClassVar[int] = 21
-    EPISODE_LENGTH: ClassVar[int] = 1000
-    TIME_LIMIT: ClassVar[int] = 999
-    CONTROL_DT: ClassVar[float] = 0.0166
-    SUBSTEPS: ClassVar[int] = 8
-    FIELDS: ClassVar[tuple[str, ...]] = ("qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata")
-    JOINTS: ClassVar[tuple[str, ...]] = JOINTS
+    ENDS = "as soon as the torso is lower than 0.8 m"
+    FITNESS = "the speed (m/s) at which the humanoid comes nearer to a target 1000 m ahead on the x axis"
+    NUM_OBSERVATIONS = 108
+    NUM_ACTIONS = 21
+    EPISODE_LENGTH = 1000
+    TIME_LIMIT = 999
+    CONTROL_DT = 0.0166
+    SUBSTEPS = 8
+    FIELDS = ("qfrc_actuator", "qfrc_passive", "qfrc_constraint", "sensordata")
+    JOINTS = JOINTS
     FORCES: ClassVar[dict[str, int]] = {"dof_force_tensor": 21, "vec_sensor_tensor": 12}
-    MEASURED: ClassVar[tuple[str, ...]] = ("dof_force_tensor", "vec_sensor_tensor", "potentials", "prev_potentials")
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
+    MEASURED = ("dof_force_tensor", "vec_sensor_tensor", "potentials", "prev_potentials")
+    VARIABLES = (
         Variable("root_states", "tensor", (13,), "m, 1, m/s, rad/s", "world", "pose and velocities of the torso"),
         Variable("targets", "tensor", (3,), "m", "world", "the place to run to, far ahead"),
         Variable("potentials", "tensor", (), "m/s", "-", "minus the distance to the target, over dt"),
@@ -90,7 +102,9 @@ class Humanoid(WalkingTask):
     @classmethod
     def scene(cls) -> mujoco.MjSpec:
         """Returns the figure on a plane."""
-        return humanoid_scene()
+        spec = looks.read_scene(__file__)
+        looks.surround(spec)
+        return spec
 
     def _prepare(self) -> None:
         super()._prepare()

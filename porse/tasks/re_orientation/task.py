@@ -1,26 +1,17 @@
 """ReOrientation: each of two fixed hands turns its cube to a goal orientation, again and again."""
 
-import math
-from typing import ClassVar
-
 import mujoco
 import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.hands import objects, shadow
 from porse.tasks.hands.observations import fixed_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hands.pair import PairTask
-from porse.tasks.hands.variables import body_variables, goal_variables, root_variable, two_hand_variables
-from porse.variables import Variable
+from porse.tasks.hands.pair import PairTask, pair_variables
+from porse.tasks.re_orientation import scene
 
-STARTS = ((0.0, -0.39, 0.6), (0.0, -0.76, 0.6))
-GOAL_DROP = 0.04
-NOISE = 0.01
 TOLERANCE = 0.1
 """Angle (rad) from the goal below which an orientation is reached."""
 
-DROPPED = 0.2
 HIT_BONUS = 500.0
 AVERAGING = 0.01
 
@@ -32,50 +23,36 @@ class ReOrientation(PairTask):
     moving average of the hits of the episodes that end, so it can exceed 1.
     """
 
-    NAME: ClassVar[str] = "ReOrientation"
-    DESCRIPTION: ClassVar[str] = (
+    NAME = "ReOrientation"
+    DESCRIPTION = (
         "two shadow hands with fixed bases each hold an object on their upward palms and turn it in the hand to its "
         "target orientation"
     )
-    STARTS: ClassVar[str] = (
+    STARTS = (
         "a cube is above each palm, within 1 cm of one place on each axis, both in one random orientation; their "
         "goals share another one; the joints of the hands are drawn at random, the same for both"
     )
-    ENDS: ClassVar[str] = "as soon as one of the cubes is at 0.2 m or lower"
-    FITNESS: ClassVar[str] = (
+    ENDS = "as soon as one of the cubes is at 0.2 m or lower"
+    FITNESS = (
         "how often in an episode the left hand's cube (object_another) came within 0.1 rad of its goal's "
         "orientation, as a running mean over the episodes that ended; each time, both cubes get a new goal, and "
         "the right hand's cube does not count"
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 422
-    NUM_ACTIONS: ClassVar[int] = 40
-    EPISODE_LENGTH: ClassVar[int] = 600
-    TIME_LIMIT: ClassVar[int] = 600
-    FREE: ClassVar[bool] = False
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
-        *body_variables("object", "the right hand's cube"),
-        *goal_variables("goal", "its goal"),
-        *body_variables("object_another", "the left hand's cube"),
-        *goal_variables("goal_another", "its goal"),
-        *two_hand_variables(NUM_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
-        root_variable("object_another_indices", "the left hand's object"),
+    NUM_OBSERVATIONS = 422
+    NUM_ACTIONS = 40
+    EPISODE_LENGTH = TIME_LIMIT = 600
+    FREE = False
+    VARIABLES = pair_variables(
+        NUM_ACTIONS, NUM_OBSERVATIONS, "the right hand's cube", "the left hand's cube", goals=("its goal", "its goal")
     )
     OBSERVATION_HELPERS = (hand_observations, fixed_hands, moving_body, goal_and_turn)
-    MEASURED: ClassVar[tuple[str, ...]] = (*PairTask.MEASURED, "_hit")
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
-    JOINT_NOISE: ClassVar[float] = 0.2
+    MEASURED = (*PairTask.MEASURED, "_hit")
+    PLACES = scene.PLACES
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
         """Adds the cubes and their goals."""
-        for word, start in zip(("", "_another"), STARTS, strict=True):
-            objects.add_block(spec, f"object{word}", start)
-            goal = objects.add_goal(spec, (start[0], start[1], start[2] - GOAL_DROP), name=f"goal{word}")
-            goal.add_geom(
-                name=f"goal{word}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.025] * 3, contype=0, conaffinity=0,
-                material="cube", rgba=[1.0, 1.0, 1.0, 0.45],
-            )  # fmt: skip
+        scene.add_objects(spec)
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -83,7 +60,7 @@ class ReOrientation(PairTask):
 
     def _place(self, ids: Tensor) -> None:
         turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].double()
-        self._place_pair(ids, STARTS, NOISE, turn)
+        self._place_pair(ids, turn)
         self._hit[ids] = False
         self._new_goals(ids)
 
@@ -126,10 +103,6 @@ class ReOrientation(PairTask):
     def succeeded(self) -> Tensor:
         """Returns where the second cube has its goal orientation."""
         return self.turns()[1] < TOLERANCE
-
-    def failed(self) -> Tensor:
-        """Returns where a cube was dropped."""
-        return torch.minimum(self.object_pos[:, 2], self.object_another_pos[:, 2]) <= DROPPED
 
     def _record(self) -> None:
         self._hit = self.succeeded()

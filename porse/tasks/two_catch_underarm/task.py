@@ -1,71 +1,49 @@
 """TwoCatchUnderarm: each hand holds an egg, and both are thrown to the other hand at once."""
 
-import math
-from typing import ClassVar
-
 import mujoco
 import torch
 from torch import Tensor
 
 from porse.sim import rotations
-from porse.tasks.hands import shadow
 from porse.tasks.hands.free_hands import FreeHandTask
 from porse.tasks.hands.observations import free_hands, goal_and_turn, hand_observations, moving_body
-from porse.tasks.hands.pair import PairTask
-from porse.tasks.hands.toss import add_egg, add_goal_egg
-from porse.tasks.hands.variables import (
-    FREE_ACTIONS,
-    body_variables,
-    goal_variables,
-    root_variable,
-    two_hand_variables,
-)
-from porse.variables import Variable
+from porse.tasks.hands.pair import PairTask, pair_variables
+from porse.tasks.hands.toss import add_egg, add_goal_egg, toss_reward
+from porse.tasks.hands.variables import FREE_ACTIONS
 
-STARTS = ((0.0, -0.39, 0.54), (0.0, -0.78, 0.54))
 GOALS = ((0.0, -0.79, 0.54), (0.0, -0.38, 0.54))
-NOISE = 0.01
 NEAR = 0.06
 """Sum of the distances (m) of the eggs from their goals below which both are caught."""
-
-DROPPED = 0.2
 
 
 class TwoCatchUnderarm(PairTask, FreeHandTask):
     """Exchange two eggs by throwing."""
 
-    NAME: ClassVar[str] = "TwoCatchUnderarm"
-    DESCRIPTION: ClassVar[str] = (
+    NAME = "TwoCatchUnderarm"
+    DESCRIPTION = (
         "two shadow hands with palms facing upwards stand opposite each other, and each holds an object; both objects "
         "must be thrown to the other hand at the same time and caught there"
     )
-    STARTS: ClassVar[str] = (
+    STARTS = (
         "an object is above each hand, within 1 cm of one place on each axis, both in one random orientation, and "
         "the goal of each is at one place above the other hand, both in another orientation"
     )
-    ENDS: ClassVar[str] = "as soon as one of the objects is at 0.2 m or lower"
-    FITNESS: ClassVar[str] = (
+    ENDS = "as soon as one of the objects is at 0.2 m or lower"
+    FITNESS = (
         "the share of episodes in which the distances of both objects from their goals once summed to less than 6 "
         "cm; their orientations do not count"
     )
-    NUM_OBSERVATIONS: ClassVar[int] = 446
-    EPISODE_LENGTH: ClassVar[int] = 75
-    TIME_LIMIT: ClassVar[int] = 75
-    BODIES: ClassVar[tuple[tuple[str, str], ...]] = tuple((name, name) for name in PairTask.OBJECT_BODIES)
-    VARIABLES: ClassVar[tuple[Variable, ...]] = (
-        *body_variables("object", "the right hand's egg"),
-        *goal_variables("goal", "its goal, in the left hand"),
-        *body_variables("object_another", "the left hand's egg"),
-        *goal_variables("goal_another", "its goal, in the right hand"),
-        *two_hand_variables(FREE_ACTIONS, NUM_OBSERVATIONS, objects=4, actors=4),
-        root_variable("object_another_indices", "the left hand's object"),
-    )
+    NUM_OBSERVATIONS = 446
+    EPISODE_LENGTH = TIME_LIMIT = 75
+    BODIES = tuple((name, name) for name in PairTask.OBJECT_BODIES)
+    VARIABLES = pair_variables(
+        FREE_ACTIONS, NUM_OBSERVATIONS, "the right hand's egg", "the left hand's egg",
+        goals=("its goal, in the left hand", "its goal, in the right hand"),
+    )  # fmt: skip
     OBSERVATION_HELPERS = (hand_observations, free_hands, moving_body, goal_and_turn)
-    RIGHT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
-    LEFT: ClassVar[shadow.BasePose] = shadow.BasePose((0.0, -1.15, 0.5), (0.0, 0.0, math.pi))
-    FORCE_SCALE: ClassVar[float] = 0.05
-    TORQUE_SCALE: ClassVar[float] = 0.5
-    JOINT_NOISE: ClassVar[float] = 0.2
+    FORCE_SCALE = 0.05
+    TORQUE_SCALE = 0.5
+    PLACES = ((0.0, -0.39, 0.54), (0.0, -0.78, 0.54))
 
     @classmethod
     def add_objects(cls, spec: mujoco.MjSpec) -> None:
@@ -79,7 +57,7 @@ class TwoCatchUnderarm(PairTask, FreeHandTask):
         physics = self._physics
         turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
         goal_turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
-        self._place_pair(ids, STARTS, NOISE, turn)
+        self._place_pair(ids, turn)
         physics.mocap_pos[ids] = torch.tensor(GOALS).double()
         physics.mocap_quat[ids] = goal_turn.unsqueeze(1).expand(-1, 2, -1)
 
@@ -108,13 +86,9 @@ class TwoCatchUnderarm(PairTask, FreeHandTask):
         first, second = self.distances()
         return first + second < NEAR
 
-    def failed(self) -> Tensor:
-        """Returns where an egg was dropped."""
-        return torch.minimum(self.object_pos[:, 2], self.object_another_pos[:, 2]) <= DROPPED
-
     def human_reward(self) -> Tensor:
         """Returns the sum over the eggs of exp(-0.2 (50 d + angle to the goal's orientation))."""
         first, second = self.distances()
         first_turn = rotations.rotation_distance(self.object_rot, self.goal_rot)
         second_turn = rotations.rotation_distance(self.object_another_rot, self.goal_another_rot)
-        return torch.exp(-0.2 * (50.0 * first + first_turn)) + torch.exp(-0.2 * (50.0 * second + second_turn))
+        return toss_reward(50.0, first, first_turn) + toss_reward(50.0, second, second_turn)
