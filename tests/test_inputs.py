@@ -54,7 +54,16 @@ def concerned(project: Path, name: str) -> set[str]:
     return {stage for stage in STAGES if before[stage] != after[stage]}
 
 
-@pytest.mark.parametrize("name", ["porse/tasks/pen.py", "porse/tasks/page.py", "porse/cli.py", "porse/tasks/speed.py"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "porse/tasks/pen/task.py",
+        "porse/tasks/anymal/scene.xml",
+        "porse/picture.py",
+        "porse/cli.py",
+        "porse/report/task_pages.py",
+    ],
+)
 def test_a_comment_in_what_a_run_does_not_use_concerns_no_stage(project, name):
     assert concerned(project, name) == set()
 
@@ -76,9 +85,10 @@ def test_a_change_of_the_random_draws_concerns_every_stage_that_draws(project):
 
 
 def test_a_change_of_the_runs_own_task_concerns_every_stage_that_makes_it(project):
-    found = concerned(project, "porse/tasks/quadcopter.py")
-    assert found >= {*TRAININGS, "begin", "generate", "validate-code"}
-    assert not found & {"eliminate", "summarise"}
+    for name in ("task.py", "scene.xml"):
+        found = concerned(project, f"porse/tasks/quadcopter/{name}")
+        assert found >= {*TRAININGS, "begin", "generate", "validate-code"}, name
+        assert not found & {"eliminate", "summarise"}, name
 
 
 def test_a_change_of_a_prompt_or_of_a_reader_of_replies_concerns_no_training(project):
@@ -106,8 +116,20 @@ def test_a_refreshed_reply_concerns_the_stages_that_ask(project):
 
 def test_another_task_has_its_own_files_and_those_that_it_shares(project):
     files = inputs_of(project, task="Pen")["train-population"].files
-    assert {"porse/tasks/pen.py", "porse/tasks/base.py", "porse/tasks/hands.py"} <= set(files)
-    assert "porse/tasks/quadcopter.py" not in files
+    own = {f"porse/tasks/pen/{name}" for name in ("__init__.py", "scene.py", "task.py")}
+    assert own | {"porse/tasks/base.py", "porse/tasks/hands/two_hands.py"} <= set(files)
+    # Pictures and the environments of gymnasium are of no training.
+    assert not {"porse/picture.py", "porse/gymnasium_front.py"} & set(files)
+
+
+@pytest.mark.parametrize("task", TASK_CLASSES)
+def test_a_task_has_the_files_of_its_folder_and_of_no_other_task(project, task):
+    files = stage_files(project, STAGES["train-population"], task, ())
+    folder = TASK_CLASSES[task].partition(":")[0].rpartition(".")[2]
+    found = {name.split("/")[2] for name in files if name.startswith("porse/tasks/") and name.count("/") == 3}
+    assert found - {"hands"} == {folder}
+    there = {path for path in (project / "porse" / "tasks" / folder).iterdir() if path.is_file()}
+    assert {path.relative_to(project).as_posix() for path in there} <= set(files)
 
 
 def test_every_task_of_the_list_is_there(project):

@@ -23,7 +23,7 @@ LAYERS: list[set[str]] = [
     {"llm", "functions", "sim"},
     {"tasks", "exploration"},
     {"search"},
-    {"training", "generation"},
+    {"training", "generation", "picture", "gymnasium_front"},
     {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
     {"iteration", "repair"},

@@ -12,6 +12,7 @@ import torch
 
 from porse.tasks import TASKS, make_task
 from porse.tasks.hands import shadow
+from porse.tasks.hands.doors import OpeningTask
 from porse.tasks.hands.free_hands import FreeHandTask
 from porse.tasks.hands.two_hands import TwoHandTask
 from porse.tasks.humanoid.task import GEARS
@@ -314,7 +315,8 @@ FINGERS = torch.tensor([0.1, 0.15, 0.2, 0.25, 0.3])
 
 def reach(task, right, left, handles=()):
     """Puts the fingertips so far (m, sums over the fingers) from the handles, in each environment."""
-    handles = [getattr(task, f"{handle}_pos") for handle in handles or (task.RIGHT_HANDLE, task.LEFT_HANDLE)]
+    named = {handle.hand: handle.name for handle in task.HANDLES}
+    handles = [getattr(task, f"{handle}_pos") for handle in handles or (named["right"], named["left"])]
     tips = torch.zeros(ENVS, 2, 5, 3)
     for side, (handle, wanted) in enumerate(zip(handles, (right, left), strict=True)):
         tips[:, side] = handle.unsqueeze(1)
@@ -331,7 +333,7 @@ def place(task, **positions):
 def doors(task):
     # 0.4 m apart along y: 2 x 0.4, or 1 - 0.8
     place(task, door_right_handle_pos=(0.1, 0.3, 0.8), door_left_handle_pos=(0.2, -0.1, 0.7))
-    return 0.8 if task.OPENS else 0.2
+    return 0.8 if isinstance(task, OpeningTask) else 0.2
 
 
 def block_stack(task):

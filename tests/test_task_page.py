@@ -1,5 +1,6 @@
-"""The documented observation ranges are the code's, the page is current, and the pictures show something."""
+"""The documented observation ranges are the code's, the pages are current, and the pictures show something."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import torch
 
 from porse.picture import write_png
 from porse.report.task_layout import layout
-from porse.report.task_pages import PICTURES, page
+from porse.report.task_pages import PAGES, PICTURES, pages
+from porse.task_names import TASK_TAGS
 from porse.tasks import TASKS, make_task
 
 NAMES = sorted(TASKS)
@@ -49,8 +51,34 @@ def test_dimensions_are_those_of_the_paper():
     assert {name: sizes for name, sizes in found.items() if name != "SwitchReachable"} == expected
 
 
-def test_the_page_is_current():
-    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == page(DOCS), "run: python -m porse.report.task_pages docs"
+@pytest.fixture(scope="module")
+def written():
+    return pages(DOCS)
+
+
+def test_there_is_a_page_for_every_task_and_for_nothing_else(written):
+    assert {path.stem for path in (DOCS / PAGES).iterdir()} == set(TASKS)
+    assert set(written) == {"tasks.md", *(f"{PAGES}/{name}.md" for name in TASKS)}
+
+
+@pytest.mark.parametrize("name", ["tasks.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
+def test_a_page_is_current(written, name):
+    assert (DOCS / name).read_text(encoding="utf-8") == written[name], "run: python -m porse.report.task_pages docs"
+
+
+@pytest.mark.parametrize("name", ["tasks.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
+def test_what_a_page_links_to_is_there(written, name):
+    links = re.findall(r"\]\(([^)#]+)\)", written[name])
+    assert len(links) >= 2
+    assert [link for link in links if not (DOCS / name).parent.joinpath(link).is_file()] == []
+
+
+def test_the_index_is_read_in_a_few_minutes_and_leads_to_every_task(written):
+    assert len(written["tasks.md"].split()) < 2500
+    rows = [line for line in written["tasks.md"].splitlines() if line.startswith("| [")]
+    for name in TASKS:
+        row = next(row for row in rows if row.startswith(f"| [{name}]({PAGES}/{name}.md) |"))
+        assert row.split(" | ")[1:2] == [", ".join(TASK_TAGS[name])], name
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -16,12 +16,12 @@ from porse.tasks import make_task
 from porse.tasks.bottle_cap import BottleCap
 from porse.tasks.hands.doors import DoorTask
 from porse.tasks.hands.free_hands import FreeHandTask
+from porse.tasks.hands.switches import LIMIT, SwitchTask
 from porse.tasks.hands.two_hands import TwoHandTask
 from porse.tasks.lift_underarm import LiftUnderarm
 from porse.tasks.push_block import PushBlock
 from porse.tasks.re_orientation import ReOrientation
 from porse.tasks.success import SuccessTask
-from porse.tasks.switch import LIMIT, Switch
 
 Setup = Callable[[TwoHandTask, int, bool], None]
 
@@ -213,7 +213,7 @@ def test_success_is_seen_and_the_near_miss_is_not(name: str) -> None:
 
 def test_switch_cannot_be_solved_as_shipped() -> None:
     """Over the rockers' whole range the points are too high; only a point below the range would count."""
-    task = cast(Switch, make_task("Switch", 20, seed=0))
+    task = cast(SwitchTask, make_task("Switch", 20, seed=0))
     for env in range(20):
         for rocker in ("object_rocker", "other_rocker"):
             set_joint(task, env, rocker, LIMIT * env / 19)
@@ -228,7 +228,7 @@ def test_switch_cannot_be_solved_as_shipped() -> None:
 
 def test_a_rocker_can_be_pressed() -> None:
     """SwitchReachable: 3 N down on each tracked point, 2 cm beside the axis, for a second is a success."""
-    task = cast(Switch, make_task("SwitchReachable", 1, seed=0))
+    task = cast(SwitchTask, make_task("SwitchReachable", 1, seed=0))
     model = task._physics.model
     for name in ("object_link_0", "other_link_0"):
         task._physics.force[0, model.body(name).id, 2] = -3.0

@@ -37,7 +37,10 @@ def stage_files(root: Path, stage: Stage, task: str, own: Sequence[str]) -> dict
 
 
 def task_files(root: Path, task: str) -> set[Path]:
-    """Returns the files of a task: its module with what that imports; of one's own, all that is in its folder.
+    """Returns the files of a task: all that is in its folder, and what its module imports.
+
+    A scene, a mesh or a table lies beside the module that reads it. A task of the package has a folder to itself; that of
+    one's own is its top-level package, and a single module has none.
 
     Raises:
         ParamsError: no task has that name, or the module of one's own is not there.
@@ -51,8 +54,9 @@ def task_files(root: Path, task: str) -> set[Path]:
         )
     package = module.partition(".")[0]
     files = _imported(root, module, "porse", package)
-    # A scene, a mesh or a table lies beside the module that reads it.
-    return files | _below(root / package) if is_own(task) and "." in module else files
+    if not is_own(task):
+        return files | _below(file.parent)
+    return files | _below(root / package) if "." in module else files
 
 
 def changed_files(root: Path, files: Mapping[str, str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""What each entry of an observation is, as data: `docs/tasks.md` prints it, and a test holds it to the code.
+"""What each entry of an observation is, as data: the page of each task prints it, and a test holds it to the code.
 
 Ranges follow from the widths, in order. A block that is a variable times a number says so; the others (scaled joint
 angles, Euler angles, turns between a body and its goal, padding) only say what they are.

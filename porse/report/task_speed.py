@@ -1,4 +1,4 @@
-"""How fast each task steps, as a Markdown table: `python -m porse.tasks.speed` prints it.
+"""How fast each task steps, as a Markdown table: `python -m porse.report.task_speed` prints it.
 
 A control step here is all that a task does in one: random actions in, physics, measurements, observations, and new
 episodes where some ended. The bare physics is `mujoco.batch.Batch.step` alone, from the same states with the same

@@ -10,9 +10,9 @@ _MORE_SWITCHES = ("GLIBC_TUNABLES", "PYTHONHOME", "PYTHONPATH")
 
 
 def sources(root: Path) -> str:
-    """Returns the hash of every source file of the package and of the stages in a project's folder."""
+    """Returns the hash of every source file of the package and of the stages in a project's folder, scenes among them."""
     digest = hashlib.sha256()
-    files = [*(root / "porse").rglob("*.py"), *(root / "stages").rglob("*.py")]
+    files = [*(root / "porse").rglob("*.py"), *(root / "porse").rglob("*.xml"), *(root / "stages").rglob("*.py")]
     for name, path in sorted((str(path.relative_to(root)), path) for path in files):
         content = path.read_bytes()
         digest.update(f"{name}\n{len(content)}\n".encode())
