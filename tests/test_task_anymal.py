@@ -77,6 +77,13 @@ def test_actions_are_targets_around_the_default() -> None:
     assert torch.allclose(task._physics.ctrl[0].float(), DEFAULT + 0.5)
 
 
+def test_joints_begin_a_step_at_twenty_radians_a_second_at_most() -> None:
+    """Of the joints all, of the body none."""
+    task = Anymal(1, 0, 1)
+    assert task._physics.fastest is not None
+    assert task._physics.fastest.tolist() == [float("inf")] * 6 + [20.0] * 12
+
+
 def test_observations_are_laid_out_as_in_the_original() -> None:
     """Velocity * 2, turn / 4, gravity, command * (2, 2, 1/4), joints, speeds / 20, actions."""
     task = moving((1.0, 0.5, 0.4), (0.1, 0.2, 0.3), 0.4)

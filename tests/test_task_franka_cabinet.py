@@ -95,6 +95,15 @@ def test_actions_move_the_targets() -> None:
     assert torch.allclose(task._targets[0].float(), expected)
 
 
+def test_targets_stay_within_the_limits_of_the_joints() -> None:
+    """A hundredth of a radian from them, a step of 1 asks for an eighth (a finger: for 1.25 cm) and comes to the limit."""
+    task = FrankaCabinet(1, 0, 1)
+    for sign, limit in ((1.0, UPPER), (-1.0, LOWER)):
+        task._targets[0] = limit.double() - 0.01 * sign
+        task.step(torch.full((1, 9), sign))
+        assert torch.equal(task._targets[0], limit.double())
+
+
 def test_a_drive_pushes_with_its_limit_whatever_its_damping_says() -> None:
     """A wrist joint that is 0.4 rad from its target gets 12 N m, though it turns toward it at 0.4 rad/s.
 

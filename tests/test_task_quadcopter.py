@@ -65,6 +65,19 @@ def test_actions_move_targets_and_thrusts() -> None:
     for _ in range(2):
         task.step(torch.ones(1, 12))
     assert task._physics.ctrl[0, :8].tolist() == pytest.approx([math.pi / 6] * 8)
+    # Three steps have asked for 6 N, and four of -1 for 8 N less.
+    assert task._physics.ctrl[0, 8:].tolist() == [2.0] * 4
+    for _ in range(4):
+        task.step(-torch.ones(1, 12))
+    assert task._physics.ctrl[0, 8:].tolist() == [0.0] * 4
+
+
+def test_the_chassis_spins_no_faster_than_the_bound_when_a_step_begins() -> None:
+    """From 30 rad/s about z to 4 pi; 1 rad/s stays."""
+    fast, slow = placed((0, 0, 1), spin=30.0), placed((0, 0, 1), spin=1.0)
+    for task, spin in ((fast, 4 * math.pi), (slow, 1.0)):
+        task.step(torch.zeros(1, 12))
+        assert float(task.root_angvels[0, 2]) == pytest.approx(spin, rel=1e-3)
 
 
 def test_joints_follow_their_targets() -> None:
