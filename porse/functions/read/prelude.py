@@ -7,6 +7,7 @@ accepted, and no prompt advertises them. Those that draw random numbers are left
 
 import math
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any
 
 import torch
@@ -44,22 +45,16 @@ def quat_apply(a: Tensor, b: Tensor) -> Tensor:
     return (b + (a[..., 3:4] * t)) + torch.linalg.cross(a[..., 0:3], t, dim=-1)
 
 
-def _rotate_parts(q: Tensor, v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    u, w = q[..., 0:3], q[..., 3:4]
-    along = u * (torch.sum(u * v, -1, True) * 2.0)
-    return v * (2.0 * w * w - 1.0), torch.linalg.cross(u, v, dim=-1) * w * 2.0, along
-
-
 def quat_rotate(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vector, rotated: (2 w w - 1) v + 2 w (u x v) + 2 u (u . v). Without norm 1 it is not `quat_apply`."""
-    straight, across, along = _rotate_parts(q, v)
-    return straight + across + along
+    return quat_rotate_inverse(quat_conjugate(q), v)
 
 
 def quat_rotate_inverse(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vector, rotated by the inverse."""
-    straight, across, along = _rotate_parts(q, v)
-    return straight - across + along
+    u, w = q[..., 0:3], q[..., 3:4]
+    along = u * (torch.sum(u * v, -1, True) * 2.0)
+    return v * (2.0 * w * w - 1.0) - torch.linalg.cross(u, v, dim=-1) * w * 2.0 + along
 
 
 def normalize(x: Tensor, eps: float = 1e-09) -> Tensor:
@@ -67,28 +62,21 @@ def normalize(x: Tensor, eps: float = 1e-09) -> Tensor:
     return x / torch.clamp(torch.linalg.vector_norm(x, 2, [-1], True), min=eps)
 
 
-def quat_unit(a: Tensor) -> Tensor:
-    """Returns the quaternion of norm 1."""
-    return normalize(a)
+def _axis(q: Tensor, axis: int) -> Tensor:
+    basis = torch.zeros_like(q[..., 0:3])
+    basis[..., axis] = 1.0
+    return basis
 
 
 def quat_axis(q: Tensor, axis: int = 0) -> Tensor:
     """Returns a coordinate axis, rotated."""
-    basis = torch.zeros_like(q[..., 0:3])
-    basis[..., axis] = 1.0
-    return quat_rotate(q, basis)
-
-
-def quat_diff_rad(a: Tensor, b: Tensor) -> Tensor:
-    """Returns the angle between two rotations."""
-    vector = quat_mul(a, quat_conjugate(b))[..., 0:3]
-    return 2.0 * torch.asin(torch.clamp(torch.linalg.vector_norm(vector, 2, [-1]), max=1.0))
+    return quat_rotate(q, _axis(q, axis))
 
 
 def quat_from_angle_axis(angle: Tensor, axis: Tensor) -> Tensor:
     """Returns the rotation by an angle about an axis of any length."""
     half = (angle / 2.0).unsqueeze(-1)
-    return quat_unit(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
+    return normalize(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
 
 
 def quat_to_angle_axis(q: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,7 +85,7 @@ def quat_to_angle_axis(q: Tensor) -> tuple[Tensor, Tensor]:
     sine = torch.sqrt(1.0 - w * w)
     turns = torch.abs(sine) > 1e-5
     angle = torch.where(turns, normalize_angle(2.0 * torch.acos(w)), torch.zeros_like(w))
-    return angle, torch.where(turns.unsqueeze(-1), q[..., 0:3] / sine.unsqueeze(-1), _upward(q))
+    return angle, torch.where(turns.unsqueeze(-1), q[..., 0:3] / sine.unsqueeze(-1), _axis(q, 2))
 
 
 def quat_from_euler_xyz(roll: Tensor, pitch: Tensor, yaw: Tensor) -> Tensor:
@@ -151,19 +139,9 @@ def tf_apply(q: Tensor, t: Tensor, v: Tensor) -> Tensor:
     return quat_apply(q, v) + t
 
 
-def tf_vector(q: Tensor, v: Tensor) -> Tensor:
-    """Returns a direction of a frame in the outer one."""
-    return quat_apply(q, v)
-
-
 def tf_combine(q1: Tensor, t1: Tensor, q2: Tensor, t2: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the second frame, which lies in the first, in the outer one."""
     return quat_mul(q1, q2), quat_apply(q1, t2) + t1
-
-
-def get_basis_vector(q: Tensor, v: Tensor) -> Tensor:
-    """Returns the vector, rotated."""
-    return quat_rotate(q, v)
 
 
 def get_axis_params(value: float, axis_idx: int, x_value: float = 0.0, n_dims: int = 3) -> list[float]:
@@ -187,16 +165,6 @@ def unscale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
     return (2.0 * x - upper - lower) / (upper - lower)
 
 
-def scale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [lower, upper], brought to [-1, 1]: the other way from `scale`."""
-    return 2.0 * (x - (lower + upper) * 0.5) / (upper - lower)
-
-
-def unscale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [-1, 1], stretched to [lower, upper]: the other way from `unscale`."""
-    return x * (upper - lower) * 0.5 + (lower + upper) * 0.5
-
-
 def tensor_clamp(t: Tensor, low: Tensor, high: Tensor) -> Tensor:
     """Returns the tensor between two others."""
     return torch.maximum(torch.minimum(t, high), low)
@@ -209,8 +177,7 @@ def local_to_world_space(pos_offset_local: Tensor, pose_global: Tensor) -> Tenso
 
 def normalise_quat_in_pose(pose: Tensor) -> Tensor:
     """Returns the pose with a quaternion of norm 1."""
-    turn = pose[..., 3:7]
-    return torch.cat([pose[..., 0:3], turn / torch.linalg.vector_norm(turn, 2, [-1], True)], -1)
+    return torch.cat([pose[..., 0:3], normalize(pose[..., 3:7])], -1)
 
 
 def calc_heading(q: Tensor) -> Tensor:
@@ -221,18 +188,12 @@ def calc_heading(q: Tensor) -> Tensor:
 
 def calc_heading_quat(q: Tensor) -> Tensor:
     """Returns the rotation about z by that angle."""
-    return quat_from_angle_axis(calc_heading(q), _upward(q))
+    return quat_from_angle_axis(calc_heading(q), _axis(q, 2))
 
 
 def calc_heading_quat_inv(q: Tensor) -> Tensor:
     """Returns its inverse."""
-    return quat_from_angle_axis(-calc_heading(q), _upward(q))
-
-
-def _upward(q: Tensor) -> Tensor:
-    axis = torch.zeros_like(q[..., 0:3])
-    axis[..., 2] = 1.0
-    return axis
+    return quat_from_angle_axis(-calc_heading(q), _axis(q, 2))
 
 
 def compute_heading_and_up(
@@ -240,7 +201,7 @@ def compute_heading_and_up(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Returns a torso's turn, how far it is up and heads to its target, and its up and forward axes."""
     turn = quat_mul(torso_rotation, inv_start_rot)
-    up, ahead = get_basis_vector(turn, vec1), get_basis_vector(turn, vec0)
+    up, ahead = quat_rotate(turn, vec1), quat_rotate(turn, vec0)
     return turn, up[..., up_idx], torch.sum(ahead * normalize(to_target), -1), up, ahead
 
 
@@ -258,15 +219,16 @@ def compute_rot(
     return (*own, roll, pitch, yaw, bearing - yaw)
 
 
-_FUNCTIONS = (
-    dist, rot_dist, quat_conjugate, quat_mul, quat_apply, quat_rotate, quat_rotate_inverse, normalize, quat_unit, quat_axis,
-    quat_diff_rad, quat_from_angle_axis, quat_to_angle_axis, quat_from_euler_xyz, get_euler_xyz, normalize_angle, copysign,
-    slerp, tf_inverse, tf_apply, tf_vector, tf_combine, get_basis_vector, get_axis_params, to_torch, scale, unscale,
-    scale_transform, unscale_transform, tensor_clamp, local_to_world_space, normalise_quat_in_pose, calc_heading,
-    calc_heading_quat, calc_heading_quat_inv, compute_heading_and_up, compute_rot,
-)  # fmt: skip
-HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {function.__name__: function for function in _FUNCTIONS} | {
+HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {
+    name: found for name, found in globals().items() if isinstance(found, FunctionType) and not name.startswith("_")
+} | {
+    "get_basis_vector": quat_rotate,
     "my_quat_rotate": quat_rotate,
+    "quat_diff_rad": rot_dist,
+    "quat_unit": normalize,
     "saturate": tensor_clamp,
+    "scale_transform": unscale,
+    "tf_vector": quat_apply,
+    "unscale_transform": scale,
 }
-"""Functions in scope by name."""
+"""Functions in scope by name; what the originals write twice stands here once."""
