@@ -68,11 +68,6 @@ def _axis(q: Tensor, axis: int) -> Tensor:
     return basis
 
 
-def quat_axis(q: Tensor, axis: int = 0) -> Tensor:
-    """Returns a coordinate axis, rotated."""
-    return quat_rotate(q, _axis(q, axis))
-
-
 def quat_from_angle_axis(angle: Tensor, axis: Tensor) -> Tensor:
     """Returns the rotation by an angle about an axis of any length."""
     half = (angle / 2.0).unsqueeze(-1)
@@ -128,72 +123,10 @@ def slerp(q0: Tensor, q1: Tensor, t: Tensor) -> Tensor:
     return torch.where(torch.abs(cosine) >= 1.0, q0, between)
 
 
-def tf_inverse(q: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns the inverse of a frame, given as rotation and position."""
-    inverse = quat_conjugate(q)
-    return inverse, -quat_apply(inverse, t)
-
-
-def tf_apply(q: Tensor, t: Tensor, v: Tensor) -> Tensor:
-    """Returns a point of a frame in the outer one."""
-    return quat_apply(q, v) + t
-
-
-def tf_combine(q1: Tensor, t1: Tensor, q2: Tensor, t2: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns the second frame, which lies in the first, in the outer one."""
-    return quat_mul(q1, q2), quat_apply(q1, t2) + t1
-
-
-def get_axis_params(value: float, axis_idx: int, x_value: float = 0.0, n_dims: int = 3) -> list[float]:
-    """Returns numbers that are 0 but for one, and the first."""
-    found = [value if place == axis_idx else 0.0 for place in range(n_dims)]
-    return [x_value, *found[1:]]
-
-
-def to_torch(x: Any, dtype: torch.dtype = torch.float32, device: Any = None, requires_grad: bool = False) -> Tensor:
-    """Returns numbers as a tensor, on the device of the variables."""
-    return torch.tensor(x, dtype=dtype)
-
-
-def scale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [-1, 1], stretched to [lower, upper]."""
-    return (0.5 * (x + 1.0) * (upper - lower)) + lower
-
-
-def unscale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [lower, upper], brought to [-1, 1]."""
-    return (2.0 * x - upper - lower) / (upper - lower)
-
-
-def tensor_clamp(t: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """Returns the tensor between two others."""
-    return torch.maximum(torch.minimum(t, high), low)
-
-
-def local_to_world_space(pos_offset_local: Tensor, pose_global: Tensor) -> Tensor:
-    """Returns a point in the frame of a pose `(..., 7)` in the world's."""
-    return quat_apply(pose_global[..., 3:7], pos_offset_local) + pose_global[..., 0:3]
-
-
-def normalise_quat_in_pose(pose: Tensor) -> Tensor:
-    """Returns the pose with a quaternion of norm 1."""
-    return torch.cat([pose[..., 0:3], normalize(pose[..., 3:7])], -1)
-
-
 def calc_heading(q: Tensor) -> Tensor:
     """Returns the angle of the rotated x axis in the horizontal plane."""
-    ahead = quat_axis(q, 0)
+    ahead = quat_rotate(q, _axis(q, 0))
     return torch.atan2(ahead[..., 1], ahead[..., 0])
-
-
-def calc_heading_quat(q: Tensor) -> Tensor:
-    """Returns the rotation about z by that angle."""
-    return quat_from_angle_axis(calc_heading(q), _axis(q, 2))
-
-
-def calc_heading_quat_inv(q: Tensor) -> Tensor:
-    """Returns its inverse."""
-    return quat_from_angle_axis(-calc_heading(q), _axis(q, 2))
 
 
 def compute_heading_and_up(
@@ -219,16 +152,42 @@ def compute_rot(
     return (*own, roll, pitch, yaw, bearing - yaw)
 
 
-HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {
+_FORMULAS: dict[str, Callable[..., Any]] = {
+    # The rotation about z by that angle, and back.
+    "calc_heading_quat": lambda q: quat_from_angle_axis(calc_heading(q), _axis(q, 2)),
+    "calc_heading_quat_inv": lambda q: quat_from_angle_axis(-calc_heading(q), _axis(q, 2)),
+    # Numbers that are 0 but for one, and the first.
+    "get_axis_params": lambda value, axis_idx, x_value=0.0, n_dims=3: [
+        x_value, *(value if place == axis_idx else 0.0 for place in range(1, n_dims)),
+    ],
+    # A point in the frame of a pose (..., 7), in the world's.
+    "local_to_world_space": lambda pos_offset_local, pose_global: (
+        quat_apply(pose_global[..., 3:7], pos_offset_local) + pose_global[..., 0:3]
+    ),
+    # A pose with a quaternion of norm 1.
+    "normalise_quat_in_pose": lambda pose: torch.cat([pose[..., 0:3], normalize(pose[..., 3:7])], -1),
+    # A coordinate axis, rotated.
+    "quat_axis": lambda q, axis=0: quat_rotate(q, _axis(q, axis)),
+    # A tensor between two others.
+    "tensor_clamp": lambda t, low, high: torch.maximum(torch.minimum(t, high), low),
+    # What lies in [-1, 1], stretched to [lower, upper], and what lies there, brought to [-1, 1].
+    "scale": lambda x, lower, upper: (0.5 * (x + 1.0) * (upper - lower)) + lower,
+    "unscale": lambda x, lower, upper: (2.0 * x - upper - lower) / (upper - lower),
+    # Of a frame q, t: a point of it in the outer one, its inverse, and a frame that lies in it in the outer one.
+    "tf_apply": lambda q, t, v: quat_apply(q, v) + t,
+    "tf_inverse": lambda q, t: (quat_conjugate(q), -quat_apply(quat_conjugate(q), t)),
+    "tf_combine": lambda q1, t1, q2, t2: (quat_mul(q1, q2), quat_apply(q1, t2) + t1),
+    # Numbers as a tensor, on the device of the variables.
+    "to_torch": lambda x, dtype=torch.float32, device=None, requires_grad=False: torch.tensor(x, dtype=dtype),
+}  # fmt: skip
+"""Helpers that are one formula."""
+_AGAIN = {
+    "get_basis_vector": "quat_rotate", "my_quat_rotate": "quat_rotate", "quat_diff_rad": "rot_dist", "quat_unit": "normalize",
+    "saturate": "tensor_clamp", "scale_transform": "unscale", "tf_vector": "quat_apply", "unscale_transform": "scale",
+}  # fmt: skip
+"""What the originals write twice, under another name."""
+HELPERS_IN_SCOPE = _FORMULAS | {
     name: found for name, found in globals().items() if isinstance(found, FunctionType) and not name.startswith("_")
-} | {
-    "get_basis_vector": quat_rotate,
-    "my_quat_rotate": quat_rotate,
-    "quat_diff_rad": rot_dist,
-    "quat_unit": normalize,
-    "saturate": tensor_clamp,
-    "scale_transform": unscale,
-    "tf_vector": quat_apply,
-    "unscale_transform": scale,
 }
-"""Functions in scope by name; what the originals write twice stands here once."""
+"""Functions in scope by name."""
+HELPERS_IN_SCOPE |= {name: HELPERS_IN_SCOPE[known] for name, known in _AGAIN.items()}

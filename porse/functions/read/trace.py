@@ -182,11 +182,7 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
     check: Check = "run"
     try:
         for count in counts:
-            # The second call told which tensors are read; of the others, whose sizes say nothing, there need not be more.
-            unread = {
-                n: v for n, v in values.items() if calls and n not in calls[0].variables and isinstance(v, Tensor)
-            }
-            given = of_environments({n: v for n, v in values.items() if n not in unread}, count) | unread
+            given = of_environments(values, count, calls[0].variables if calls else None)
             with torch.inference_mode(), (recorder := _Recorder(given)), RootColumns():
                 main = main_function(source, code, given)
                 for _ in range(1 if calls else 2):
