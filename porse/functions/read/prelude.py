@@ -45,16 +45,22 @@ def quat_apply(a: Tensor, b: Tensor) -> Tensor:
     return (b + (a[..., 3:4] * t)) + torch.linalg.cross(a[..., 0:3], t, dim=-1)
 
 
+def _rotate_parts(q: Tensor, v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    u, w = q[..., 0:3], q[..., 3:4]
+    along = u * (torch.sum(u * v, -1, True) * 2.0)
+    return v * (2.0 * w * w - 1.0), torch.linalg.cross(u, v, dim=-1) * w * 2.0, along
+
+
 def quat_rotate(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vector, rotated: (2 w w - 1) v + 2 w (u x v) + 2 u (u . v). Without norm 1 it is not `quat_apply`."""
-    return quat_rotate_inverse(quat_conjugate(q), v)
+    straight, across, along = _rotate_parts(q, v)
+    return straight + across + along
 
 
 def quat_rotate_inverse(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vector, rotated by the inverse."""
-    u, w = q[..., 0:3], q[..., 3:4]
-    along = u * (torch.sum(u * v, -1, True) * 2.0)
-    return v * (2.0 * w * w - 1.0) - torch.linalg.cross(u, v, dim=-1) * w * 2.0 + along
+    straight, across, along = _rotate_parts(q, v)
+    return straight - across + along
 
 
 def normalize(x: Tensor, eps: float = 1e-09) -> Tensor:
@@ -173,17 +179,23 @@ _FORMULAS: dict[str, Callable[..., Any]] = {
     # What lies in [-1, 1], stretched to [lower, upper], and what lies there, brought to [-1, 1].
     "scale": lambda x, lower, upper: (0.5 * (x + 1.0) * (upper - lower)) + lower,
     "unscale": lambda x, lower, upper: (2.0 * x - upper - lower) / (upper - lower),
-    # Of a frame q, t: a point of it in the outer one, its inverse, and a frame that lies in it in the outer one.
+    # Of a frame q, t: a point and a direction of it in the outer one, its inverse, and a frame that lies in it in the outer one.
     "tf_apply": lambda q, t, v: quat_apply(q, v) + t,
+    "tf_vector": lambda q, v: quat_apply(q, v),
     "tf_inverse": lambda q, t: (quat_conjugate(q), -quat_apply(quat_conjugate(q), t)),
     "tf_combine": lambda q1, t1, q2, t2: (quat_mul(q1, q2), quat_apply(q1, t2) + t1),
+    # The angle between two rotations.
+    "quat_diff_rad": lambda a, b: 2.0 * torch.asin(
+        torch.clamp(torch.linalg.vector_norm(quat_mul(a, quat_conjugate(b))[..., 0:3], 2, [-1]), max=1.0)
+    ),
+    "quat_unit": lambda a: normalize(a),
     # Numbers as a tensor, on the device of the variables.
     "to_torch": lambda x, dtype=torch.float32, device=None, requires_grad=False: torch.tensor(x, dtype=dtype),
 }  # fmt: skip
 """Helpers that are one formula."""
 _AGAIN = {
-    "get_basis_vector": "quat_rotate", "my_quat_rotate": "quat_rotate", "quat_diff_rad": "rot_dist", "quat_unit": "normalize",
-    "saturate": "tensor_clamp", "scale_transform": "unscale", "tf_vector": "quat_apply", "unscale_transform": "scale",
+    "get_basis_vector": "quat_rotate", "my_quat_rotate": "quat_rotate", "saturate": "tensor_clamp",
+    "scale_transform": "unscale", "unscale_transform": "scale",
 }  # fmt: skip
 """What the originals write twice, under another name."""
 HELPERS_IN_SCOPE = _FORMULAS | {
