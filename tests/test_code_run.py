@@ -25,7 +25,7 @@ SOURCE = reward(
 def test_a_list_is_written_as_what_it_is():
     program = traced(SOURCE, "reward", VARIABLES)
     assert (program.kind, program.variables, program.names, program.rises) == ("reward", ("a",), ("near_target_m",), ())
-    assert [constant.values for constant in program.constants] == [(0.0, 1.0, -0.5)]
+    assert [constant.tolist() for constant in program.constants] == [[0.0, 1.0, -0.5]]
     assert [step.operator for step in program.steps] == [
         "mul.Tensor", "sum.dim_IntList", "div.Tensor", "zeros.default", "add.Tensor", "mul.Tensor",
     ]  # fmt: skip

@@ -6,17 +6,19 @@ new privileges, and a system call filter that leaves memory, clocks, one pipe an
 
 import ctypes
 import errno
+import functools
 import os
 import platform
 import resource
-import signal
 import struct
 from dataclasses import dataclass
 from typing import Literal
 
+from porse.processes import die_with_parent
+
 # Numbers of the kernel's, from its headers.
 _CLONE_NEWNET, _CLONE_NEWUSER = 0x40000000, 0x10000000
-_PR_SET_PDEATHSIG, _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS, _SECCOMP_MODE_FILTER = 1, 22, 38, 2
+_PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS, _SECCOMP_MODE_FILTER = 22, 38, 2
 _AUDIT = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 # read, write, close, fstat, lseek, mmap, mprotect, munmap, brk, rt_sigaction, rt_sigprocmask, rt_sigreturn,
 # sched_yield, mremap, madvise, getpid, exit, gettid, futex, clock_gettime, clock_nanosleep, exit_group, getrandom,
@@ -52,12 +54,15 @@ class _Program(ctypes.Structure):
 
 
 def seal() -> None:
-    """Takes the network from this process and its children, and ends it with its parent, where the system lets it."""
+    """Takes the network from this process and its children, and ends it with its parent, where the system lets it.
+
+    What each child needs to confine itself is made here once.
+    """
+    die_with_parent()
+    _filter()
     libc = _libc()
-    if libc is not None:
-        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        if libc.unshare(_CLONE_NEWNET) != 0:
-            libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
+    if libc is not None and libc.unshare(_CLONE_NEWNET) != 0:
+        libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
 
 
 def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
@@ -80,14 +85,19 @@ def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
         most = soft + more if hard == resource.RLIM_INFINITY else min(soft + more, hard)
         resource.setrlimit(kind, (min(soft, most), most))
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
-    return "filtered" if _filter_calls() else "limited"
+    libc, filtered = _libc(), _filter()
+    if libc is None or filtered is None or libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
+        return "limited"
+    is_set = libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(filtered), 0, 0) == 0
+    return "filtered" if is_set else "limited"
 
 
-def _filter_calls() -> bool:
-    """Refuses, from now on, every system call that is not in `_CALLS`; returns whether the system could."""
-    libc, machine = _libc(), platform.machine()
-    if libc is None or machine not in _CALLS:
-        return False
+@functools.cache
+def _filter() -> _Program | None:
+    """Returns what refuses every system call that is not in `_CALLS`, None for a machine whose calls are not known."""
+    machine = platform.machine()
+    if machine not in _CALLS:
+        return None
     calls = _CALLS[machine]
     load, jump_if_equal, jump_if_at_least, finish = 0x20, 0x15, 0x35, 0x06
     allow, refuse, kill = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x80000000
@@ -102,16 +112,16 @@ def _filter_calls() -> bool:
         (finish, 0, 0, allow),
     ]
     code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
-    libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
-    if libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
-        return False
-    filtered = _Program(len(program), code)
-    return libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(filtered), 0, 0) == 0
+    return _Program(len(program), code)
 
 
+@functools.cache
 def _libc() -> ctypes.CDLL | None:
     libc = ctypes.CDLL(None)
-    return libc if hasattr(libc, "prctl") and hasattr(libc, "unshare") else None
+    if not hasattr(libc, "prctl") or not hasattr(libc, "unshare"):
+        return None
+    libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
+    return libc
 
 
 def _address_space() -> int:

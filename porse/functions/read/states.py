@@ -1,7 +1,7 @@
 """Real states of a task, as a message holds them, and of as many environments as are wanted."""
 
 from base64 import b64decode, b64encode
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import torch
@@ -29,7 +29,15 @@ def _plain(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def of_environments(values: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Returns the variables of so many environments: the same states again and again."""
-    index = torch.arange(count) % values["num_envs"]
-    return {n: v[index] if isinstance(v, Tensor) else v for n, v in values.items()} | {"num_envs": count}
+def of_environments(values: Mapping[str, Any], count: int, read: Collection[str] | None = None) -> dict[str, Any]:
+    """Returns the variables of so many environments: the same states again and again, of those that are `read`.
+
+    The others are of the right sizes, and take no memory.
+    """
+    index, tensors = (
+        torch.arange(count) % values["num_envs"],
+        {n: v for n, v in values.items() if isinstance(v, Tensor)},
+    )
+    every = tensors if read is None else read
+    rows = {n: v[index] if n in every else v[:1].expand(count, *v.shape[1:]) for n, v in tensors.items()}
+    return {**values, **rows, "num_envs": count}

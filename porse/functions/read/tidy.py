@@ -3,55 +3,51 @@
 import dataclasses
 
 from porse.functions.run.operators import operator
-from porse.functions.run.program import Program, Step, reads, replaced
+from porse.functions.run.program import Program, Register, Step, mapped, registers
 
 
 def tidied(program: Program) -> Program:
-    """Returns a list with the same results, and as few steps as are needed."""
-    if not any(operator(step.operator).writes for step in program.steps):
-        program = _once(program)
-    return _needed(program)
+    """Returns a list with the same results, and as few steps as are needed.
 
-
-def _moved(step: Step, moved: dict[int, int]) -> Step:
-    return dataclasses.replace(step, arguments=replaced(step.arguments, moved), keywords=replaced(step.keywords, moved))
-
-
-def _once(program: Program) -> Program:
-    """Writes what stands twice once, and constants without copies. Where nothing is written over, equal steps are equal."""
-    moved: dict[int, int] = {}
+    Where nothing is written over, equal steps are equal, and copies of constants are the constants. What no result and no
+    writing step hangs on is left out.
+    """
+    writes = {step.operator for step in program.steps if operator(step.operator).writes}
+    same: dict[int, int] = {}
     seen: dict[str, int] = {}
-    steps: list[Step] = []
-    new = program.first_made
-    for old, given in zip(program.starts, program.steps, strict=True):
-        step = _moved(given, moved)
+    steps: dict[int, Step] = {}
+    for start, given in zip(program.starts, program.steps, strict=True):
+        step = _moved(given, same)
         is_copy = step.operator == "clone.default" and step.arguments[0].index < program.first_made
-        found = step.arguments[0].index if is_copy else seen.setdefault(repr(step), new)
-        if found == new:
-            steps.append(step)
-            new += step.makes
-        moved |= {old + index: found + index for index in range(step.makes)}
-    return dataclasses.replace(program, steps=tuple(steps), results=tuple(moved.get(r, r) for r in program.results))
-
-
-def _needed(program: Program) -> Program:
-    """Leaves out steps, constants and variables that no result and no writing step hangs on."""
-    live = set(program.results)
-    kept: list[tuple[int, Step]] = []
-    for start, step in zip(program.starts[::-1], program.steps[::-1], strict=True):
-        made = range(start, start + step.makes)
-        if operator(step.operator).writes or not live.isdisjoint(made):
-            live.update(reads(step))
-            kept.append((start, step))
-    kept.reverse()
-    given = [index for index in range(program.first_made) if index in live]
-    made_by_kept = [start + index for start, step in kept for index in range(step.makes)]
-    moved = {old: new for new, old in enumerate([*given, *made_by_kept])}
+        found = step.arguments[0].index if is_copy else seen.setdefault(repr(step), start)
+        if writes or found == start:
+            steps[start] = step
+        else:
+            same |= {start + index: found + index for index in range(step.makes)}
+    results = [same.get(result, result) for result in program.results]
+    live = set(results)
+    for start, step in reversed([*steps.items()]):
+        if step.operator not in writes and live.isdisjoint(range(start, start + step.makes)):
+            del steps[start]
+        else:
+            live.update(registers(step.arguments))
     count = len(program.variables)
+    given_live = [index for index in range(program.first_made) if index in live]
+    made = [start + index for start, step in steps.items() for index in range(step.makes)]
+    new = {old: place for place, old in enumerate([*given_live, *made])}
     return dataclasses.replace(
         program,
-        variables=tuple(program.variables[index] for index in given if index < count),
-        constants=tuple(program.constants[index - count] for index in given if index >= count),
-        steps=tuple(_moved(step, moved) for _, step in kept),
-        results=tuple(moved[r] for r in program.results),
+        variables=tuple(program.variables[index] for index in given_live if index < count),
+        constants=tuple(program.constants[index - count] for index in given_live if index >= count),
+        steps=tuple(_moved(step, new) for step in steps.values()),
+        results=tuple(new[result] for result in results),
     )
+
+
+def _moved(step: Step, to: dict[int, int]) -> Step:
+    """Returns a step that reads other registers in place of some."""
+
+    def changed(leaf: object) -> object:
+        return Register(to.get(leaf.index, leaf.index)) if isinstance(leaf, Register) else leaf
+
+    return dataclasses.replace(step, arguments=mapped(step.arguments, changed))

@@ -4,11 +4,12 @@ The function runs on real states of three numbers of environments, which share n
 the runs must be multiples of that number plus a constant; all else must be the same, so that the list holds for any number.
 """
 
+import dataclasses
 import math
 import re
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -19,7 +20,7 @@ from porse.functions.read.source import Source
 from porse.functions.read.states import of_environments
 from porse.functions.read.tidy import tidied
 from porse.functions.run.operators import Watch, decides_by_data, operator
-from porse.functions.run.program import MAX_CONSTANTS, MAX_STEPS, TYPES, Constant, Program, Register, Rows, Share, Step
+from porse.functions.run.program import MAX_CONSTANTS, MAX_STEPS, TYPES, Program, Register, Rows, Share, Step, mapped
 from porse.functions.run.shapes import BY_MASK, check_call
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, Check, CodeError, Kind, plain_name
 
@@ -28,6 +29,8 @@ _LEFT_OUT = frozenset(("device", "pin_memory", "layout", "non_blocking", "copy")
 _SAME = frozenset(("lift_fresh", "detach", "detach_", "alias"))
 """Operators that return what they are given."""
 _TO_MODULES = ("to.dtype_layout", "to.device")
+_KIND = 2**32
+"""More registers than a call has of one kind, by which those of another are numbered."""
 _MANY = 4099
 """Environments of the third run: more than trainings have, so that a branch on their number shows."""
 _GROWS = (
@@ -51,23 +54,18 @@ _WANTED: dict[Kind, str] = {
 }
 
 
-@dataclass(frozen=True)
-class _At:
-    """A register of a call: of a variable ("v"), a constant ("c") or a step ("s")."""
-
-    kind: str
-    number: int
-
-
 @dataclass
 class _Call:
-    """What the constants and one call of a function asked of torch, with `_At` for registers, and its results."""
+    """What the constants and one call of a function asked of torch, and its results.
 
-    variables: list[str] = field(default_factory=list)
-    constants: list[Constant] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    Registers of variables count from 0, those of constants from `_KIND` and those of steps from twice that.
+    """
+
+    variables: list[str]
+    constants: list[tuple[torch.dtype, Any]]
+    steps: list[Step]
     made: int = 0
-    results: list[_At] = field(default_factory=list)
+    results: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
     rises: tuple[bool, ...] = ()
 
@@ -77,9 +75,9 @@ class _Recorder(Watch):
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         super().__init__()
-        self.call = self._constants = _Call()
+        self.call = self._constants = _Call([], [], [])
         self._kept: list[Tensor] = []
-        self._places: dict[int, _At] = {}
+        self._places: dict[int, int] = {}
         self._inputs = {id(v): name for name, v in values.items() if isinstance(v, Tensor)}
         self._fixed = {
             _memory(v): f"the function may change its input {name} in place; work on {name}.clone()"
@@ -121,49 +119,43 @@ class _Recorder(Watch):
         if not op.writes and any(made is value for value in given):
             return made
         parts = [made] if isinstance(made, Tensor) else list(made)
-        keywords = {k: self._noted(v) for k, v in named.items() if k not in _LEFT_OUT and v is not None}
+        keywords = {k: mapped(v, self._noted) for k, v in named.items() if k not in _LEFT_OUT and v is not None}
         if name in _TO_MODULES:
             name, given = "to.dtype", [given[0], keywords.pop("dtype", parts[0].dtype)]
-        arguments = tuple(self._noted(value) for value in given)
+        arguments = mapped(given, self._noted)
         self.call.steps.append(Step(name, arguments, tuple(sorted(keywords.items())), len(parts)))
         for part in parts:
             if op.writes or id(part) not in self._places:  # a list of results may hold what was given
-                self._put(part, _At("s", self.call.made))
+                self._put(part, 2 * _KIND + self.call.made)
             self.call.made += 1
         return made
 
-    def place(self, value: Tensor) -> _At:
+    def place(self, value: Tensor) -> int:
         """Returns the register of a tensor, a new one for a variable that was not read yet and for what Python made."""
-        found = self._places.get(id(value))
+        call, found = self.call, self._places.get(id(value))
         if found is None and (name := self._inputs.get(id(value))) is not None:
-            found = _At("v", len(self.call.variables))
-            self.call.variables.append(name)
+            found = len(call.variables)
+            call.variables.append(name)
         if found is None:
-            found = self._constant(value)
+            # Python made it of numbers; a copy of it is what the function has, and may change.
+            if value.numel() > MAX_CONSTANTS or value.dtype not in TYPES.values():
+                message = f"a tensor of more than {MAX_CONSTANTS} written numbers, or of complex ones, is not allowed"
+                raise CodeError("static", message)
+            call.steps.append(Step("clone.default", (Register(_KIND + len(call.constants)),), ()))
+            call.constants.append((value.dtype, value.tolist()))
+            found = 2 * _KIND + call.made
+            call.made += 1
         self._put(value, found)
         return found
 
-    def _constant(self, value: Tensor) -> _At:
-        """Notes a tensor that Python made of numbers; a copy of it is what the function has, and may change."""
-        call = self.call
-        if value.numel() > MAX_CONSTANTS or value.dtype not in TYPES.values():
-            found = f"a tensor of more than {MAX_CONSTANTS} written numbers, or of complex ones, is not allowed"
-            raise CodeError("static", found)
-        call.constants.append(Constant(value.dtype, _tuples(value.tolist())))
-        call.steps.append(Step("clone.default", (_At("c", len(call.constants) - 1),), ()))
-        call.made += 1
-        return _At("s", call.made - 1)
-
-    def _put(self, value: Tensor, place: _At) -> None:
+    def _put(self, value: Tensor, place: int) -> None:
         self._kept.append(value)  # so that nothing else gets its id
         self._places[id(value)] = place
 
     def _noted(self, value: Any) -> Any:
-        """Returns an argument with registers for tensors."""
+        """Returns a part of an argument, the register of a tensor."""
         if isinstance(value, Tensor):
-            return self.place(value)
-        if isinstance(value, list | tuple):
-            return tuple(self._noted(part) for part in value)
+            return Register(self.place(value))
         if isinstance(value, torch.dtype) and value not in TYPES.values():
             raise CodeError("static", f"the type {value} is not allowed; use float32")
         return None if isinstance(value, torch.memory_format | torch.device | torch.layout) else value
@@ -171,10 +163,6 @@ class _Recorder(Watch):
 
 def _memory(value: Tensor) -> int:
     return value.untyped_storage().data_ptr()
-
-
-def _tuples(values: Any) -> Any:
-    return tuple(map(_tuples, values)) if isinstance(values, list) else values
 
 
 def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
@@ -194,7 +182,7 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
     check: Check = "run"
     try:
         for count in counts:
-            given = of_environments(values, count)
+            given = of_environments(values, count, calls[0].variables if calls else None)
             with torch.inference_mode(), (recorder := _Recorder(given)), RootColumns():
                 main = main_function(source, code, given)
                 for _ in range(1 if calls else 2):
@@ -248,7 +236,7 @@ def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> No
             found = f"expected the {title} of shape (num_envs,), found {shape} for num_envs = {num_envs}"
             raise CodeError("shape", f"{found}; reduce the other dimensions, and take sizes from the inputs")
         vectors.append(vector.to(torch.float32))
-    recorder.call.results = [recorder.place(vector) for vector in vectors[len(names) :] + vectors[: len(names)]]
+    recorder.call.results = tuple(map(recorder.place, vectors[len(names) :] + vectors[: len(names)]))
 
 
 def _parts(kind: Kind, returned: Any) -> tuple[list[Any], list[Any], tuple[bool, ...]]:
@@ -280,26 +268,29 @@ def _kind(value: Any) -> str:
 def _unified(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Program:
     """Returns the one list that all calls are instances of."""
     first = calls[0]
-    forms = [
-        ([(s.operator, s.makes) for s in c.steps], c.variables, c.constants, c.results, c.names, c.rises) for c in calls
-    ]
-    if any(repr(form) != repr(forms[0]) for form in forms):
+    forms = [repr((dataclasses.replace(c, steps=[]), [(s.operator, s.makes) for s in c.steps])) for c in calls]
+    if len(set(forms)) > 1:
         raise CodeError("static", _GROWS)
-    starts = {"v": 0, "c": len(first.variables), "s": len(first.variables) + len(first.constants)}
+    starts = (0, len(first.variables), len(first.variables) + len(first.constants))
+
+    def register(index: int) -> int:
+        return starts[index // _KIND] + index % _KIND
 
     def one(found: Sequence[Any]) -> Any:
         if all(isinstance(value, tuple) and len(value) == len(found[0]) for value in found):
             return tuple(one(parts) for parts in zip(*found, strict=True))
         if any(repr(value) != repr(found[0]) for value in found):
             return _number(found, counts)
-        return Register(starts[found[0].kind] + found[0].number) if isinstance(found[0], _At) else found[0]
+        return Register(register(found[0].index)) if isinstance(found[0], Register) else found[0]
 
     steps = tuple(
         Step(same[0].operator, one([s.arguments for s in same]), one([s.keywords for s in same]), same[0].makes)
         for same in zip(*(call.steps for call in calls), strict=True)
     )
-    results = tuple(starts[place.kind] + place.number for place in first.results)
-    return Program(kind, tuple(first.variables), tuple(first.constants), steps, results, first.names, first.rises)
+    constants = tuple(torch.tensor(values, dtype=dtype) for dtype, values in first.constants)
+    return Program(
+        kind, tuple(first.variables), constants, steps, tuple(map(register, first.results)), first.names, first.rises
+    )
 
 
 def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:

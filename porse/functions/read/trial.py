@@ -15,8 +15,8 @@ from porse.functions.read.states import of_environments
 from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
-from porse.functions.run.program import Program, read_program, reads
-from porse.functions.run.shapes import FEW, makes_pairs, shapes_of
+from porse.functions.run.program import Program, read_program, registers
+from porse.functions.run.shapes import makes_pairs
 from porse.functions.verdict import CodeError, words
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
@@ -49,22 +49,16 @@ def try_program(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
         CodeError: it does not pass.
     """
     program = read_program(text)
-    load = RewardFunction if program.kind == "reward" else MappingFunction
-    with torch.inference_mode():
-        warning = _check_runs(load(text, True), values)
-        load(text, False)(values)
-    return {"names": program.names, "rises": program.rises, "warning": warning}
-
-
-def _check_runs(function: Loaded, values: Mapping[str, Any]) -> str:
-    """Returns a warning, or "", after all runs."""
-    if not function.program.variables:
+    if not program.variables:
         raise CodeError("constant", "the function reads no state of the task, so its output never changes")
-    outputs = _outputs(function, values)
-    _check_values(function.program, values, outputs)
-    _check_reacts(function, values, outputs)
-    _outputs(function, of_environments(values, _MANY))
-    return _check_rows(function, values, outputs)
+    function = (RewardFunction if program.kind == "reward" else MappingFunction)(text, portable=True)
+    states = {name: values[name] for name in ("num_envs", *program.variables)}
+    with torch.inference_mode():
+        outputs = _outputs(function, states)
+        _check_values(program, states, outputs)
+        _check_reacts(function, states, outputs)
+        _outputs(function, of_environments(states, _MANY))
+        return {"names": program.names, "rises": program.rises, "warning": _check_rows(function, states, outputs)}
 
 
 def _outputs(function: Loaded, values: Mapping[str, Any]) -> dict[str, Tensor]:
@@ -123,7 +117,7 @@ def _may_step(program: Program, result: int) -> bool:
     made, held = program.first_made, dict.fromkeys(range(len(program.variables)), False)
     for step in program.steps:
         base = base_of(step.operator)
-        sources = [held[index] for index in reads(step) if index in held]
+        sources = [held[index] for index in registers(step.arguments) if index in held]
         if sources and base not in _SHAPES_ONLY:
             held |= dict.fromkeys(range(made, made + step.makes), any(sources) or base in _STEPS)
         made += step.makes
@@ -142,9 +136,7 @@ def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[st
     mixed = next((what for what, is_close in close.items() if not is_close), None)
     if mixed is None:
         return ""
-    program = function.program
-    tensors = {name: values[name] for name in program.variables}
-    if makes_pairs(*(shapes_of(program, tensors, few) for few in FEW)):
+    if makes_pairs(function.shapes):
         raise CodeError(
             "shape",
             f"{mixed} of one environment depends on all others, because a step makes a number for every pair of"

@@ -1,8 +1,8 @@
 """Operator lists that can be called: rewards and mappings as training sees them.
 
-A list is judged when it is first called, and made ready for one number of environments at a time: given portable forms, its
-numbers made tensors once, and results written over what nobody reads any more. A call then goes through the operators in
-order, each of which takes its arguments from slots and fills one. It runs on the device of the variables.
+A list is judged when it is first called, and made ready once: given portable forms, its numbers made tensors, and results
+written over what nobody reads any more. For another number of environments only its numbers change. A call goes through the
+operators in order, each of which takes its arguments from slots and fills one. It runs on the device of the variables.
 """
 
 import contextlib
@@ -16,8 +16,8 @@ from torch import Tensor
 
 from porse.functions.run.operators import Operator, Watch, operator
 from porse.functions.run.portable import portable, with_norms
-from porse.functions.run.program import Program, Register, at, filled, read_program, reads, registers
-from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, check_shapes, shapes_of
+from porse.functions.run.program import Program, Register, at, filled, read_program, registers
+from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, called, check_shapes, shapes_of
 from porse.functions.verdict import CodeError, Kind, words
 
 Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
@@ -40,6 +40,7 @@ class _Function:
 
     Attributes:
         program: the list.
+        shapes: what it makes for each number of environments in `FEW`, once it was called.
         names: of the components, or of the progress variables.
         rises: for each progress variable, whether the task needs it to rise.
 
@@ -52,8 +53,8 @@ class _Function:
     def __init__(self, text: str, portable: bool) -> None:
         self.program = program = read_program(text)
         self.names, self.rises = program.names, program.rises
+        self.shapes: list[Shapes] = []
         self._is_portable, self._num_envs = portable, -1
-        self._shapes: list[Shapes] = []
         if program.kind != self.KIND:
             raise CodeError("static", f"expected the operator list of a {self.KIND}, found that of a {program.kind}")
 
@@ -67,11 +68,12 @@ class _Function:
         num_envs = len(given[0]) if given else 0
         try:
             if num_envs != self._num_envs:
-                self._shapes = self._shapes or [shapes_of(self.program, variables, count) for count in FEW]
-                check_shapes(self.program, self._shapes, num_envs)
-                self._held, self._runs = _prepared(self.program, self._shapes[0], num_envs, self._is_portable)
-                self._num_envs = num_envs
-            slots = given + self._held
+                if not self.shapes:
+                    self.shapes = [shapes_of(self.program, variables, count) for count in FEW]
+                    self._held, self._runs = _prepared(self.program, self.shapes[0], self._is_portable)
+                check_shapes(self.program, self.shapes, num_envs)
+                self._held_now, self._num_envs = at(self._held, num_envs), num_envs
+            slots = [*given, *self._held_now]
             for call, take, to in self._runs:
                 slots[to] = call(*take(slots))
         except CodeError:
@@ -106,12 +108,12 @@ class MappingFunction(_Function):
         return self._results(variables), list(self.rises), list(self.names)
 
 
-def _prepared(program: Program, few: Shapes, num_envs: int, portably: bool) -> tuple[list[Any], list[Run]]:
+def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any, ...], list[Run]]:
     """Returns what stands in the slots behind the variables, first of registers, then of written arguments, and the runs."""
     if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
         program = with_norms(program)
         few = shapes_of(program, dict(zip(program.variables, few.values, strict=False)), FEW[0])
-    last = {index: number for number, step in enumerate(program.steps) for index in reads(step)}
+    last = {index: number for number, step in enumerate(program.steps) for index in registers(step.arguments)}
     last |= dict.fromkeys(program.results, len(program.steps))
     slots = [*few.values[: program.first_made], *[None] * (len(few.values) - program.first_made)]
     runs: list[Run] = []
@@ -123,31 +125,28 @@ def _prepared(program: Program, few: Shapes, num_envs: int, portably: bool) -> t
         slots.append(value)
         slot = len(slots) - 1
         if [*registers(value)]:
-            runs.append((lambda *parts: [*parts], _taking([place(part) for part in value]), slot))
+            runs.append((lambda *parts: parts, _taking([place(part) for part in value]), slot))
         return slot
 
     for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
-        op = operator(step.operator)
+        op, example, keywords = called(step, FEW[0], few.values[0].device if few.values else None)
         if not op.writes and last.keys().isdisjoint(range(made, made + step.makes)):
             continue  # nobody reads it
-        arguments = at([*step.arguments], num_envs)
-        keywords = {name: at(value, num_envs) for name, value in step.keywords}
-        if op.makes:
-            keywords["device"] = few.values[0].device if few.values else None
+        arguments, by_name = [*step.arguments], keywords | dict(step.keywords)
         call = portable(op.name, step.arguments) if portably else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):
                 op, arguments[1] = operator(f"{op.base}.Tensor"), torch.tensor(float(arguments[1]))
             if op.base in _IN_PLACE and not op.writes and _is_free(program, few, arguments[0], made, number, last):
                 op = operator(op.name.replace(".", "_.", 1))
-            call = _quickest(op, filled(arguments, few.values), keywords)
-        if keywords:
-            call = functools.partial(call, **keywords)
+            call = _quickest(op, filled(example, few.values), keywords)
+        if by_name:
+            call = functools.partial(_named, (*by_name,), call)
         if op.returns != 1:
             call = functools.partial(_parted, step.makes, call)
-        taking = _taking([place(value) for value in arguments])
+        taking = _taking([place(value) for value in [*arguments, *by_name.values()]])
         runs.append((call, taking, made if op.returns == 1 else slice(made, made + step.makes)))
-    return slots[len(program.variables) :], runs
+    return tuple(slots[len(program.variables) :]), runs
 
 
 def _is_held(shapes: Shapes, first: Any, second: Any) -> bool:
@@ -181,9 +180,14 @@ def _taking(places: Sequence[int]) -> Callable[[list[Any]], Any]:
     return itemgetter(*places) if len(places) > 1 else itemgetter(few)
 
 
-def _parted(count: int, call: Callable[..., Any], *arguments: Any, **keywords: Any) -> Sequence[Tensor]:
+def _named(names: Sequence[str], call: Callable[..., Any], *given: Any) -> Any:
+    """Returns the result of a call that is given its last arguments by name."""
+    return call(*given[: -len(names)], **dict(zip(names, given[-len(names) :], strict=True)))
+
+
+def _parted(count: int, call: Callable[..., Any], *arguments: Any) -> Sequence[Tensor]:
     """Returns the results of an operator that has several, as many as were counted."""
-    made = call(*arguments, **keywords)
+    made = call(*arguments)
     if len(made) != count:
         raise ValueError(f"expected {count} results, found {len(made)}")
     return made

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from porse.functions.run import sleef
 from porse.functions.run.operators import base_of, operator
-from porse.functions.run.program import Program, Register, Step, reads
+from porse.functions.run.program import Program, Register, Step, registers
 from porse.functions.verdict import words
 
 _SQUARE, _ROOT = ("pow.Tensor_Scalar", 2), ("pow.Tensor_Scalar", 0.5)
@@ -32,7 +32,7 @@ def with_norms(program: Program) -> Program:
 
     Nothing else may read the squares or their sum, and nothing may stand between, where it could write to what is squared.
     """
-    uses = Counter(index for step in program.steps for index in reads(step)) + Counter(program.results)
+    uses = Counter([*registers([step.arguments for step in program.steps]), *program.results])
     steps = list(program.steps)
     for place, made in enumerate(program.starts[2:]):
         square, added, root = program.steps[place : place + 3]

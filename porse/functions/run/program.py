@@ -7,12 +7,13 @@ environments. There are no branches and no loops. `shapes` says whether a list i
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, CodeError, Kind, plain_name, words
 from porse.identity import canonical_json
@@ -26,7 +27,6 @@ MAX_WHOLE = 10_000_000
 """Largest whole number that is written in a list."""
 _NO_END = 2**63 - 1
 """What torch writes for the end of a slice that has none."""
-MAX_DEPTH = 6
 TYPES = {name: getattr(torch, name) for name in ("float32", "float64", "float16", "int64", "int32", "uint8", "bool")}
 _NAMES_OF_TYPES = {dtype: name for name, dtype in TYPES.items()}
 _KEYWORDS = words("""
@@ -83,14 +83,6 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Constant:
-    """A tensor of numbers that are written out."""
-
-    dtype: torch.dtype
-    values: Any
-
-
-@dataclass(frozen=True)
 class Program:
     """The operator list of one function.
 
@@ -106,7 +98,7 @@ class Program:
 
     kind: Kind
     variables: tuple[str, ...]
-    constants: tuple[Constant, ...]
+    constants: tuple[Tensor, ...]
     steps: tuple[Step, ...]
     results: tuple[int, ...]
     names: tuple[str, ...]
@@ -126,11 +118,16 @@ class Program:
     @property
     def text(self) -> str:
         """The canonical JSON text: equal lists have equal texts."""
-        return canonical_json({name: _written(value) for name, value in vars(self).items()})
+        return canonical_json({name: mapped(value, _written) for name, value in vars(self).items()})
+
+
+def mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Returns an argument with what `change` makes of each part in its place, however deep in lists, which are tuples."""
+    return tuple(mapped(part, change) for part in value) if isinstance(value, tuple | list) else change(value)
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """Yields what stands in an argument, or in the numbers of a constant, however deep in lists."""
+    """Yields the parts of an argument, or the numbers of a constant, however deep in lists."""
     if isinstance(value, tuple | list):
         for part in value:
             yield from leaves(part)
@@ -139,53 +136,39 @@ def leaves(value: Any) -> Iterator[Any]:
 
 
 def registers(value: Any) -> Iterator[int]:
-    """Yields the registers in an argument."""
+    """Yields the registers in an argument, with repetitions."""
     return (leaf.index for leaf in leaves(value) if isinstance(leaf, Register))
 
 
-def reads(step: Step) -> Iterator[int]:
-    """Yields the registers that a step reads, with repetitions."""
-    return registers(step.arguments)
-
-
-def replaced(value: Any, registers: Mapping[int, int]) -> Any:
-    """Returns an argument with other registers in place of some."""
-    if isinstance(value, Register):
-        return Register(registers.get(value.index, value.index))
-    return tuple(replaced(part, registers) for part in value) if isinstance(value, tuple) else value
-
-
 def at(value: Any, num_envs: int) -> Any:
-    """Returns an argument for so many environments; registers stay, and lists are lists."""
-    if isinstance(value, Rows | Share):
-        return value.at(num_envs)
-    return [at(part, num_envs) for part in value] if isinstance(value, tuple | list) else value
+    """Returns an argument for so many environments; registers stay."""
+    return mapped(value, lambda leaf: leaf.at(num_envs) if isinstance(leaf, Rows | Share) else leaf)
 
 
 def filled(value: Any, values: Sequence[Any]) -> Any:
-    """Returns an argument, its lists as lists, with what registers hold in place of them."""
-    if isinstance(value, tuple | list):
-        return [filled(part, values) for part in value]
-    return values[value.index] if isinstance(value, Register) else value
+    """Returns an argument with what registers hold in place of them."""
+    return mapped(value, lambda leaf: values[leaf.index] if isinstance(leaf, Register) else leaf)
 
 
 def _written(value: Any) -> Any:
     """Returns a part of a list as JSON."""
-    if isinstance(value, tuple | list):
-        return [_written(part) for part in value]
-    if isinstance(value, Step):
-        return [value.operator, _written(value.arguments), {k: _written(v) for k, v in value.keywords}, value.makes]
-    if isinstance(value, Constant):
-        return [_NAMES_OF_TYPES[value.dtype], _written(value.values)]
-    if isinstance(value, Register):
-        return {"r": value.index}
-    if isinstance(value, Rows):
-        return {"n": [value.times, value.plus]}
-    if isinstance(value, Share):
-        return {"share": value.of}
-    if isinstance(value, torch.dtype):
-        return {"t": _NAMES_OF_TYPES[value]}
-    return {"f": str(value)} if isinstance(value, float) and not math.isfinite(value) else value
+    match value:
+        case Step():
+            keywords = {name: mapped(held, _written) for name, held in value.keywords}
+            return value.operator, mapped(value.arguments, _written), keywords, value.makes
+        case Tensor():
+            return _NAMES_OF_TYPES[value.dtype], mapped(value.tolist(), _written)
+        case Register():
+            return {"r": value.index}
+        case Rows():
+            return {"n": (value.times, value.plus)}
+        case Share():
+            return {"share": value.of}
+        case torch.dtype():
+            return {"t": _NAMES_OF_TYPES[value]}
+        case float() if not math.isfinite(value):
+            return {"f": str(value)}
+    return value
 
 
 def read_program(text: str) -> Program:
@@ -196,9 +179,9 @@ def read_program(text: str) -> Program:
     """
     _expect(len(text) <= MAX_TEXT, f"at most {MAX_TEXT} characters", len(text))
     try:
-        program = _program(json.loads(text))
+        program = _program(**json.loads(text))
         is_canonical = program.text == text
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RuntimeError) as error:
         _expect(False, "JSON of its own form", f"{type(error).__name__}: {error}")
     _expect(is_canonical, "its canonical text", "another spelling of it")
     return program
@@ -211,23 +194,27 @@ def _expect(is_so: bool, expected: str, found: Any) -> None:
         raise CodeError("static", message)
 
 
-def _program(held: Any) -> Program:
-    """Returns the list that JSON holds, all of whose registers are there when they are read."""
-    constants = tuple(Constant(TYPES[dtype], _argument(values, 2**63)) for dtype, values in held["constants"])
-    numbers = [number for constant in constants for number in leaves(constant.values)]
-    _expect(all(isinstance(n, int | float) for n in numbers), "numbers in its constants", "something else")
-    _expect(len(numbers) <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", len(numbers))
-    _expect(len(held["steps"]) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(held["steps"]))
-    kind, names, rises = held["kind"], tuple(held["names"]), tuple(held["rises"])
-    results = tuple(_whole(index, 0) for index in held["results"])
-    variables, steps = tuple(map(_word, held["variables"])), tuple(_step(*step) for step in held["steps"])
+def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any, names: Any, rises: Any) -> Program:
+    """Returns the list that the parts of a JSON object hold, all of whose registers are there when they are read."""
+    count = sum(1 for _ in leaves([values for _, values in constants]))
+    _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
+    _expect(len(steps) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(steps))
     _expect(kind in ("reward", "mapping"), "a reward or a mapping", kind)
-    _expect(len(set(variables)) == len(variables), "each variable once", variables)
-    program = Program(kind, variables, constants, steps, results, names, rises)
-    made = program.first_made
-    for step in steps:
-        _expect(all(index < made for index in reads(step)), "steps that read what is there", step.operator)
-        made += step.makes
+    program = Program(
+        kind,
+        tuple(map(_word, variables)),
+        tuple(torch.tensor(mapped(values, _number), dtype=TYPES[dtype]) for dtype, values in constants),
+        tuple(_step(*step) for step in steps),
+        tuple(_whole(index, 0) for index in results),
+        tuple(names),
+        tuple(rises),
+    )
+    _expect(len(set(program.variables)) == len(program.variables), "each variable once", program.variables)
+    for step, made in zip(program.steps, program.starts, strict=True):
+        _expect(
+            all(index < made for index in registers(step.arguments)), "steps that read what is there", step.operator
+        )
+    made = program.first_made + sum(step.makes for step in program.steps)
     _expect(all(index < made for index in results), "results that are there", results)
     most, counts = (MAX_COMPONENTS, (1, 0)) if kind == "reward" else (MAX_NAMES, (0, len(names)))
     is_paired = (len(results) - len(names), len(rises)) == counts
@@ -240,22 +227,27 @@ def _program(held: Any) -> Program:
 
 def _step(operator: Any, arguments: Any, keywords: Any, makes: Any) -> Step:
     _expect(keywords.keys() <= _KEYWORDS, "known keywords", f"{sorted(keywords)} in {operator}")
-    given = tuple((name, _argument(value)) for name, value in sorted(keywords.items()))
+    given = tuple((name, mapped(value, _argument)) for name, value in sorted(keywords.items()))
     _expect(not [*registers([value for _, value in given])], "keywords without registers", operator)
-    return Step(_word(operator), tuple(map(_argument, arguments)), given, _whole(makes, 1, 1000))
+    return Step(_word(operator), mapped(arguments, _argument), given, _whole(makes, 1, 1000))
 
 
-def _argument(held: Any, most: int = MAX_WHOLE, depth: int = 0) -> Any:
-    """Returns the argument, or the numbers of a constant, that JSON holds."""
-    _expect(depth <= MAX_DEPTH, "arguments of little depth", "deeper ones")
-    if isinstance(held, list):
-        return tuple(_argument(part, most, depth + 1) for part in held)
-    if isinstance(held, dict):
-        ((key, value),) = held.items()
-        return _TAGGED[key](value)
-    if isinstance(held, str):
-        return _word(held)
-    return held if held is None or isinstance(held, bool | float) or held == _NO_END else _whole(held, -most, most)
+def _argument(held: Any) -> Any:
+    """Returns a part of an argument that JSON holds."""
+    match held:
+        case dict():
+            ((key, value),) = held.items()
+            return _TAGGED[key](value)
+        case str():
+            return _word(held)
+        case None | bool() | float():
+            return held
+    return held if held == _NO_END else _whole(held)
+
+
+def _number(held: Any) -> Any:
+    """Returns a number of a constant; torch refuses what is none, or is too large."""
+    return _TAGGED["f"](held["f"]) if isinstance(held, dict) else held
 
 
 def _whole(value: Any, least: int = -MAX_WHOLE, most: int = MAX_WHOLE) -> int:

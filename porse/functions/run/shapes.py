@@ -5,7 +5,7 @@ runs tell the shapes for any number. Nothing is computed that could be large, en
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from porse.functions.run.operators import Operator, operator
-from porse.functions.run.program import Program, at, filled, leaves, registers
+from porse.functions.run.program import Program, Step, at, filled, leaves, registers
 from porse.functions.verdict import CodeError, words
 
 FEW = (7, 11)
@@ -58,46 +58,45 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
     tensors = [given[name] for name in program.variables]
     values = [v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in tensors]
     device = values[0].device if values else None
-    values += [torch.tensor(c.values, dtype=c.dtype, device=device) for c in program.constants]
+    values += [constant.to(device) for constant in program.constants]
     shared = [frozenset([index]) for index in range(len(values))]
     fixed = [*program.variables, *["a constant"] * len(program.constants)]
     for step in program.steps:
-        op = operator(step.operator)
+        op, arguments, keywords = called(step, num_envs, device)
         if op.writes:
-            for index in sorted(i for place in registers(step.arguments[:1]) for i in shared[place] if i < len(fixed)):
+            for index in sorted(i for place in registers(arguments[:1]) for i in shared[place] if i < len(fixed)):
                 message = f"the function changes its input {fixed[index]} in place; work on {fixed[index]}.clone()"
                 raise CodeError("inplace", message)
-        keywords = {name: at(value, num_envs) for name, value in step.keywords}
-        if op.makes:
-            keywords["device"] = device
-        made = _made(op, filled(at(step.arguments, num_envs), values), keywords)
-        if len(made) != step.makes:
-            raise CodeError("static", f"expected {step.makes} results of {step.operator}, found {len(made)}")
-        sharing = [step.arguments[place] for place in op.shares if place < len(step.arguments)]
+        now = filled(arguments, values)
+        check_call(op, now)
+        if _size(op, now) > MAX_SMALL:
+            raise CodeError("memory", f"{TOO_MUCH}, in {op.name.partition('.')[0]}")
+        with torch.inference_mode():
+            made = op.call(*now, **keywords)
+        parts = [made] if isinstance(made, Tensor) else list(made)
+        if any(part.numel() > MAX_SMALL for part in parts):
+            raise CodeError("memory", TOO_MUCH)
+        if len(parts) != step.makes:
+            raise CodeError("static", f"expected {step.makes} results of {step.operator}, found {len(parts)}")
+        sharing = [arguments[place] for place in op.shares if place < len(arguments)]
         sources = frozenset[int]().union(*(shared[index] for index in registers(sharing)))
-        for value in made:
+        for value in parts:
             shared.append(sources | {len(values)})
             values.append(value)
     return Shapes(values, shared)
 
 
-def _made(op: Operator, arguments: list[Any], keywords: Mapping[str, Any]) -> list[Tensor]:
-    """Returns what one step makes."""
-    check_call(op, arguments)
-    if _size(op, arguments) > MAX_SMALL:
-        raise CodeError("memory", f"{TOO_MUCH}, in {op.name.partition('.')[0]}")
-    with torch.inference_mode():
-        made = op.call(*arguments, **keywords)
-    parts = [made] if isinstance(made, Tensor) else list(made)
-    if any(part.numel() > MAX_SMALL for part in parts):
-        raise CodeError("memory", TOO_MUCH)
-    return parts
+def called(step: Step, num_envs: int, device: torch.device | None) -> tuple[Operator, list[Any], dict[str, Any]]:
+    """Returns the operator, the arguments and the keywords of a step, for so many environments."""
+    op = operator(step.operator)
+    keywords = {name: at(value, num_envs) for name, value in step.keywords}
+    return op, [*at(step.arguments, num_envs)], keywords | ({"device": device} if op.makes else {})
 
 
 def _size(op: Operator, arguments: Sequence[Any]) -> int:
     """Returns how many numbers a step could make at most of what it is given."""
     tensors = [value for value in leaves(arguments) if isinstance(value, Tensor)]
-    has_lists = any(isinstance(value, list) for value in arguments)
+    has_lists = any(isinstance(value, tuple) for value in arguments)
     if op.base in _PRODUCTS:
         size = math.prod(max(t.numel(), 1) for t in tensors)
     elif has_lists:
@@ -124,16 +123,19 @@ def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None
                 raise CodeError("shape", f"expected floats of shape ({rows},), found {found}")
     count = max(num_envs, MANY)
     rounds = (count - FEW[0]) / (FEW[1] - FEW[0])
-    pairs = [zip(a.shape, b.shape, strict=True) for a, b in zip(*(shapes.values for shapes in few), strict=True)]
-    sizes = [math.prod(a + (b - a) * rounds for a, b in pair) for pair in pairs]
+    sizes = [math.prod(a + (b - a) * rounds for a, b in pairs) for pairs in _pairs(few)]
     if max(sizes, default=0) > MAX_ELEMENTS * count / MANY or sum(sizes) > MAX_ALL * count / MANY:
         raise CodeError("memory", TOO_MUCH)
 
 
-def makes_pairs(few: Shapes, more: Shapes) -> bool:
-    """Whether a list makes something for every pair of environments, by its shapes for two numbers of them."""
-    shapes = [zip(a.shape, b.shape, strict=True) for a, b in zip(few.values, more.values, strict=True)]
-    return any(sum(one != other for one, other in sizes) > 1 for sizes in shapes)
+def makes_pairs(few: Sequence[Shapes]) -> bool:
+    """Whether a list makes something for every pair of environments, by its shapes for the numbers of `FEW`."""
+    return any(sum(one != other for one, other in pairs) > 1 for pairs in _pairs(few))
+
+
+def _pairs(few: Sequence[Shapes]) -> Iterator[Iterator[tuple[int, int]]]:
+    """Yields the sizes of each register in two runs, side by side."""
+    return (zip(a.shape, b.shape, strict=True) for a, b in zip(*(shapes.values for shapes in few), strict=True))
 
 
 def check_call(op: Operator, arguments: Sequence[Any]) -> None:
