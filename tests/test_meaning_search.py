@@ -37,7 +37,7 @@ from porse.search.elimination import (
 )
 from porse.search.feedback import STAGED, TOLD, WEIGHED, Series, feedback_rows, series_of, shown_series
 from porse.search.fusion import fuse
-from porse.search.incumbent import incumbent, winner
+from porse.search.incumbent import feedback_mts, incumbent, winner
 from porse.search.islands import softmax
 from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
 from porse.search.lineage import episodes_seed, evaluation_seed, lineage
@@ -94,7 +94,9 @@ def by(params, **values):
 
 
 def test_a_score_looks_at_the_last_epochs_in_the_order_of_epochs(params):
-    rows = curve("a", [8.0, 1.0, 2.0, 5.0])[::-1]
+    # series whose names come before and after it in the alphabet count for nothing
+    others = [*curve("a", [70.0] * 4, "bonus"), *curve("a", [90.0] * 4, "goal")]
+    rows = [*curve("a", [8.0, 1.0, 2.0, 5.0])[::-1], *others]
     # last three: (1 + 2 + 5) / 3 = 8/3; highest of all four: 8
     assert score(candidate("a"), rows, by(params, window=3)) == Score("a", 8 / 3, 8.0, failed=False)
     # a window longer than the training is the whole training: 16 / 4
@@ -259,6 +261,11 @@ def test_the_best_so_far_stays_unless_its_score_is_exceeded(params, which, score
     assert found.feedback == (feedback_rows(curves, "new", 2) if is_new else told)
     latest = changed(params, fuse={"incumbent": "latest"})
     assert incumbent(rows, curves, [earlier], [standing], told, latest).is_new
+
+
+def test_the_highest_fitness_of_a_training_is_that_of_its_fitness_wherever_it_is_listed():
+    row = {"series": "progress/x", "epoch": 1, "value": 1.0, "maximum": 55.0, "mean": 1.0, "minimum": 0.0}
+    assert feedback_mts([row, *feedback_of(7.0), row]) == 7.0
 
 
 # The search of alpha.

@@ -925,7 +925,7 @@ class Bar:
 
 
 class Pretended:
-    """Trains nobody: writes 10 + beta as the policy, and fitness = epochs; a job of the name `bad` fails."""
+    """Trains nobody: writes 10 + beta as the policy, fitness = epochs, and two other series; a job of the name `bad` fails."""
 
     def __init__(self):
         self.jobs = []
@@ -938,7 +938,8 @@ class Pretended:
                 outcomes.append(Outcome([], "its reward was not finite"))
                 continue
             weights(entry.finish, 10.0 + entry.beta)
-            outcomes.append(Outcome([(entry.until, "fitness", float(entry.until)), (entry.until, "goal", -1.0)], ""))
+            series = {"bonus": 99.0, "fitness": float(entry.until), "goal": -1.0}
+            outcomes.append(Outcome([(entry.until, name, value) for name, value in series.items()], ""))
         return outcomes
 
 
@@ -1165,7 +1166,9 @@ def test_an_outcome_of_its_own_is_read_when_its_episode_ends():
 
 
 def test_a_probe_scores_by_its_highest_fitness():
-    outcome = Outcome([(1, "fitness", -3.0), (2, "fitness", -1.0), (3, "fitness", -2.0), (3, "goal", 9.0)], "")
+    outcome = Outcome(
+        [(1, "fitness", -3.0), (2, "fitness", -1.0), (3, "fitness", -2.0), (3, "goal", 9.0), (3, "bonus", 8.0)], ""
+    )
     assert Probe(row("a", 0), outcome).score == -1.0
 
 
