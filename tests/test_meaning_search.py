@@ -125,11 +125,15 @@ def test_fitness_comes_before_mts_and_mts_before_the_id():
 
 
 def test_a_candidate_younger_than_the_oldest_is_out_however_good(params):
-    rows = [candidate("old", 0, epochs=45), candidate("young", 1, epochs=30), candidate("gone", 2, failure="late")]
-    curves = [*curve("old", [1.0]), *curve("young", [9.0]), *curve("gone", [8.0])]
+    # equal ages are two numbers, as where they are read from a table
+    ages = {"old": int("1500"), "peer": int("1500"), "young": 1499}
+    rows = [candidate(name, slot, epochs=age) for slot, (name, age) in enumerate(ages.items())]
+    rows.append(candidate("gone", 3, failure="late"))
+    curves = [*curve("old", [1.0]), *curve("peer", [0.5]), *curve("young", [9.0]), *curve("gone", [8.0])]
     ranking = ranked_pool(rows, curves, by(params, window=1))
     assert [(entry.candidate_id, entry.failed) for entry in ranking] == [
         ("old", False),
+        ("peer", False),
         ("young", True),
         ("gone", True),
     ]
@@ -310,7 +314,8 @@ def test_what_mutants_vary_goes_round_from_the_first_entry(params):
 def test_there_are_no_mutants_of_alpha_where_there_is_nothing_to_fuse(params):
     four = changed(params, mutate={"mutants": 4, "vary": ["alpha", "beta"]})
     assert [mutants(four, n) for n in (1, 2, 3)] == [0, 4, 4]
-    from_scratch = changed(four, fuse={"policy": "random"})
+    # names that were read from a file are equal to those in the program, and others
+    from_scratch = changed(four, fuse={"policy": "-random"[1:]}, mutate={"vary": ["-alpha"[1:], "-beta"[1:]]})
     assert [mutants(from_scratch, n) for n in (1, 2, 3)] == [0, 4, 0]
 
 
