@@ -42,7 +42,7 @@ class Mutant:
     Attributes:
         path: the module's file, from the project's root.
         operator: cosmic-ray's name of the kind of change.
-        occurrence: the how manieth place of the module it is.
+        occurrence: which of the operator's places in the module it is, from 0.
         rows: the first and the last changed line.
         source: the module's text with the change.
     """
@@ -98,16 +98,20 @@ def listed(session: Path, paths: Sequence[str]) -> list[Mutant]:
     from cosmic_ray.work_db import WorkDB, use_db
 
     seen: set[tuple[str, str]] = set()
+    codes: dict[str, str] = {}
     found = []
     with use_db(str(session), WorkDB.Mode.open) as database:
         specs = [item.mutations[0] for item in database.work_items]
     for spec in specs:
         path = str(spec.module_path)
-        code = (ROOT / path).read_text()
         if not any(map(path.startswith, paths)):
             continue
-        seen.add((path, meaning(code)))
-        source = mutate_code(code, get_operator(spec.operator_name)(**(spec.operator_args or {})), spec.occurrence)
+        if path not in codes:
+            codes[path] = (ROOT / path).read_text()
+            seen.add((path, meaning(codes[path])))
+        source = mutate_code(
+            codes[path], get_operator(spec.operator_name)(**(spec.operator_args or {})), spec.occurrence
+        )
         try:
             compile(source, path, "exec")
         except SyntaxError:
