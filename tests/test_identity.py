@@ -32,6 +32,13 @@ def test_every_part_of_a_candidate_participates_in_its_id():
     assert candidate_id("T", "r", "m", 1, 0.8) == candidate_id("T", "r", "m", 1.0, 0.8, 0)
 
 
+def test_a_candidates_id_is_twelve_digits_of_a_hash():
+    # printf 'candidate\n{"alpha":0.3,"beta":0.7,"mapping_source":"m","reward_source":"r","task":"T"}' | sha256sum
+    assert candidate_id("T", "r", "m", 0.7, 0.3) == "867714546abd"
+    # with "draw":2 between beta and the mapping
+    assert candidate_id("T", "r", "m", 0.7, 0.3, 2) == "b88b0de7534e"
+
+
 def test_seeds_are_named_and_fit_a_generator():
     seeds = [seed_for(1, "policy", n) for n in range(100)] + [seed_for(2, "policy", n) for n in range(100)]
     assert len(set(seeds)) == 200

@@ -37,7 +37,7 @@ from porse.search.elimination import (
 )
 from porse.search.feedback import STAGED, TOLD, WEIGHED, Series, feedback_rows, series_of, shown_series
 from porse.search.fusion import fuse
-from porse.search.incumbent import incumbent, winner
+from porse.search.incumbent import feedback_mts, incumbent, winner
 from porse.search.islands import softmax
 from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
 from porse.search.lineage import episodes_seed, evaluation_seed, lineage
@@ -94,7 +94,9 @@ def by(params, **values):
 
 
 def test_a_score_looks_at_the_last_epochs_in_the_order_of_epochs(params):
-    rows = curve("a", [8.0, 1.0, 2.0, 5.0])[::-1]
+    # series whose names come before and after it in the alphabet count for nothing
+    others = [*curve("a", [70.0] * 4, "bonus"), *curve("a", [90.0] * 4, "goal")]
+    rows = [*curve("a", [8.0, 1.0, 2.0, 5.0])[::-1], *others]
     # last three: (1 + 2 + 5) / 3 = 8/3; highest of all four: 8
     assert score(candidate("a"), rows, by(params, window=3)) == Score("a", 8 / 3, 8.0, failed=False)
     # a window longer than the training is the whole training: 16 / 4
@@ -123,11 +125,15 @@ def test_fitness_comes_before_mts_and_mts_before_the_id():
 
 
 def test_a_candidate_younger_than_the_oldest_is_out_however_good(params):
-    rows = [candidate("old", 0, epochs=45), candidate("young", 1, epochs=30), candidate("gone", 2, failure="late")]
-    curves = [*curve("old", [1.0]), *curve("young", [9.0]), *curve("gone", [8.0])]
+    # equal ages are two numbers, as where they are read from a table
+    ages = {"old": int("1500"), "peer": int("1500"), "young": 1499}
+    rows = [candidate(name, slot, epochs=age) for slot, (name, age) in enumerate(ages.items())]
+    rows.append(candidate("gone", 3, failure="late"))
+    curves = [*curve("old", [1.0]), *curve("peer", [0.5]), *curve("young", [9.0]), *curve("gone", [8.0])]
     ranking = ranked_pool(rows, curves, by(params, window=1))
     assert [(entry.candidate_id, entry.failed) for entry in ranking] == [
         ("old", False),
+        ("peer", False),
         ("young", True),
         ("gone", True),
     ]
@@ -172,16 +178,16 @@ def test_sampled_epochs_are_the_first_the_last_and_even_ones_between():
 def test_feedback_has_the_extremes_of_all_epochs_and_not_of_the_shown_ones():
     rows = [
         *curve("a", [9.0, 2.0, 1.0, 4.0]),
-        *curve("a", [5.0, 3.0, 8.0, 4.0], "progress/x"),
+        *curve("a", [5.0, 3.0, 8.0, 6.0], "progress/x"),
         *curve("a", [7.0] * 4, "bonus"),
     ]
-    # epochs 1 and 4 are shown of three with other extremes; fitness: highest 9, lowest 1, mean 16 / 4
+    # epochs 1 and 4 are shown of three with other extremes; fitness: highest 9, lowest 1, mean 16 / 4; progress 22 / 4
     found = feedback_rows(rows[::-1], "a", 2)
     assert [(r["series"], r["epoch"], r["value"], r["maximum"], r["mean"], r["minimum"]) for r in found] == [
         ("fitness", 1, 9.0, 9.0, 4.0, 1.0),
         ("fitness", 4, 4.0, 9.0, 4.0, 1.0),
-        ("progress/x", 1, 5.0, 8.0, 5.0, 3.0),
-        ("progress/x", 4, 4.0, 8.0, 5.0, 3.0),
+        ("progress/x", 1, 5.0, 8.0, 5.5, 3.0),
+        ("progress/x", 4, 6.0, 8.0, 5.5, 3.0),
     ]
 
 
@@ -236,7 +242,8 @@ def feedback_of(mts, minimum=0.0):
 def test_the_winner_is_the_first_of_the_ranking(params):
     rows = [candidate("a", 0), candidate("b", 1), candidate("c", 2)]
     curves = [*curve("a", [9.0, 1.0]), *curve("b", [0.0, 3.0]), *curve("c", [5.0, 2.0])]
-    assert winner(rows, curves, changed(params, eliminate={"window": 1}))[0]["candidate_id"] == "b"
+    for listed in (rows, rows[::-1]):
+        assert winner(listed, curves, changed(params, eliminate={"window": 1}))[0]["candidate_id"] == "b"
 
 
 @pytest.mark.parametrize(
@@ -258,6 +265,11 @@ def test_the_best_so_far_stays_unless_its_score_is_exceeded(params, which, score
     assert found.feedback == (feedback_rows(curves, "new", 2) if is_new else told)
     latest = changed(params, fuse={"incumbent": "latest"})
     assert incumbent(rows, curves, [earlier], [standing], told, latest).is_new
+
+
+def test_the_highest_fitness_of_a_training_is_that_of_its_fitness_wherever_it_is_listed():
+    row = {"series": "progress/x", "epoch": 1, "value": 1.0, "maximum": 55.0, "mean": 1.0, "minimum": 0.0}
+    assert feedback_mts([row, *feedback_of(7.0), row]) == 7.0
 
 
 # The search of alpha.
@@ -302,7 +314,8 @@ def test_what_mutants_vary_goes_round_from_the_first_entry(params):
 def test_there_are_no_mutants_of_alpha_where_there_is_nothing_to_fuse(params):
     four = changed(params, mutate={"mutants": 4, "vary": ["alpha", "beta"]})
     assert [mutants(four, n) for n in (1, 2, 3)] == [0, 4, 4]
-    from_scratch = changed(four, fuse={"policy": "random"})
+    # names that were read from a file are equal to those in the program, and others
+    from_scratch = changed(four, fuse={"policy": "-random"[1:]}, mutate={"vary": ["-alpha"[1:], "-beta"[1:]]})
     assert [mutants(from_scratch, n) for n in (1, 2, 3)] == [0, 4, 0]
 
 
@@ -342,6 +355,14 @@ def test_the_cost_of_an_uneven_schedule_by_pencil(params):
     assert allowed_epochs(uneven) == 1050
 
 
+def test_who_is_older_than_a_rung_costs_nothing_in_it(params):
+    # 3 mutants are trained for 2 rungs of 7 epochs beside 4 survivors of 3 rungs; then 3 of all go on from rung 2 to 4
+    short = changed(params, train={"rung_epochs": 7}, mutate={"mutants": 3})
+    rungs = [dataclasses.replace(rung, until=2) if rung.rung == "mutants" else rung for rung in params.rungs]
+    costs = {cost.rung: (cost.candidates, cost.epochs) for cost in work(dataclasses.replace(short, rungs=rungs), 1)}
+    assert (costs["mutants"], costs["4"]) == ((3, 42), (3, 42))
+
+
 def test_probes_cost_their_own_epochs_beside_the_rung(params):
     # 5 probes of round(0.4 x 7) = 3 epochs for 2 candidates; the best goes on: 2 (7 + 4 x 3) = 38
     roska = changed(
@@ -360,6 +381,9 @@ def test_an_iteration_is_found_by_its_number(params):
     assert (find_iteration(params.iterations, 2).next, find_iteration(params.iterations, 5).next) == (3, "result")
     with pytest.raises(ParamsError, match="found 6"):
         find_iteration(params.iterations, 6)
+    # the one behind a gap is not the one that was meant
+    with pytest.raises(ParamsError, match="found 2"):
+        find_iteration([params.iterations[0], params.iterations[2]], 2)
 
 
 # The lineage.
@@ -662,10 +686,10 @@ def test_a_population_keeps_who_was_there_and_tells_of_each_member_what_was_seen
     slots = {breeding.slot: breeding.island for breeding in plan([], revolve, 1)}
     before = Population([member(slots[0], "old", 2.0)], [{"candidate_id": "old", **row} for row in feedback_of(2.0)])
     again = {breeding.slot: breeding.island for breeding in plan(before.members, revolve, 2)}
-    rows = [candidate("new", 1), candidate("bad", 2, failure="late"), candidate("mutant", 17)]
+    rows = [candidate("new", 1), candidate("bad", 0, failure="late"), candidate("mutant", 17)]
     curves = [*curve("new", [7.0, 5.0]), *curve("bad", [9.0]), *curve("mutant", [9.0])]
     after = bred(before, rows, curves, revolve, 2)
-    # one that failed and one without a slot of its own stay out; the new one enters with its highest fitness, 7
+    # one that failed and one without a slot of its own stay out; the new one, after it, enters with its highest fitness, 7
     assert {row["candidate_id"]: (row["island"], row["fitness"]) for row in after.members} == {
         "old": (slots[0], 2.0),
         "new": (again[1], 7.0),

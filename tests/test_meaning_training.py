@@ -906,8 +906,26 @@ def weights(path, value):
     write_checkpoint(path, policy_checkpoint({"actor.w": np.full((1,), value, np.float32)}))
 
 
+class Bar:
+    """Takes the place of the bar on the terminal, and remembers what it was to show."""
+
+    shown: ClassVar = []
+
+    def __init__(self, label, candidates, epochs, steps_per_epoch):
+        Bar.shown.append((label, candidates, epochs, steps_per_epoch))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def tell(self, event):
+        pass
+
+
 class Pretended:
-    """Trains nobody: writes 10 + beta as the policy, and fitness = epochs; a job of the name `bad` fails."""
+    """Trains nobody: writes 10 + beta as the policy, fitness = epochs, and two other series; a job of the name `bad` fails."""
 
     def __init__(self):
         self.jobs = []
@@ -920,7 +938,8 @@ class Pretended:
                 outcomes.append(Outcome([], "its reward was not finite"))
                 continue
             weights(entry.finish, 10.0 + entry.beta)
-            outcomes.append(Outcome([(entry.until, "fitness", float(entry.until)), (entry.until, "goal", -1.0)], ""))
+            series = {"bonus": 99.0, "fitness": float(entry.until), "goal": -1.0}
+            outcomes.append(Outcome([(entry.until, name, value) for name, value in series.items()], ""))
         return outcomes
 
 
@@ -929,6 +948,8 @@ def pretended(monkeypatch):
     train = Pretended()
     for module in (rung_module, evaluation_module, probing_module):
         monkeypatch.setattr(module, "train_pool", train)
+    monkeypatch.setattr(rung_module, "RungBar", Bar)
+    monkeypatch.setattr(Bar, "shown", [])
     return train
 
 
@@ -958,6 +979,7 @@ def test_a_rung_trains_the_younger_ones_that_did_not_fail_and_nobody_else(small,
         row("done", 2, policy="done", epochs=4),
         row("failed", 3, failure="it raised"),
         row("bad", 4),
+        row("older", 5, policy="done", epochs=5),
     ]
     stems = {"fused": 1.0, "half": 2.0, "done": 3.0}
     for stem, value in stems.items():
@@ -972,6 +994,8 @@ def test_a_rung_trains_the_younger_ones_that_did_not_fail_and_nobody_else(small,
         ("bad", "fused", 4),
         ("half", "half", 4),
     ]
+    # 4 + 4 + 2 epochs of 8 environments' 8 steps
+    assert Bar.shown == [("iteration 3 rung 2", 3, 10, 64)]
     after = read_pool(tmp_path / "out")
     assert [(r["candidate_id"], r["epochs"], r["policy"], r["failure"]) for r in after.candidates] == [
         ("fresh", 4, "fresh", ""),
@@ -979,9 +1003,10 @@ def test_a_rung_trains_the_younger_ones_that_did_not_fail_and_nobody_else(small,
         ("done", 4, "done", ""),
         ("failed", 0, "fused", "it raised"),
         ("bad", 0, "fused", "its reward was not finite"),
+        ("older", 5, "done", ""),
     ]
     held = {r["candidate_id"]: read_checkpoint(after.policy(r)).arrays["actor.w"].item() for r in after.candidates}
-    assert held == {"fresh": 10.5, "half": 10.25, "done": 3.0, "failed": 1.0, "bad": 1.0}
+    assert held == {"fresh": 10.5, "half": 10.25, "done": 3.0, "failed": 1.0, "bad": 1.0, "older": 3.0}
     fitness = [(r["candidate_id"], r["rung"], r["epoch"], r["value"]) for r in after.curves if r["series"] == "fitness"]
     assert fitness == [("fresh", "2", 4, 4.0), ("half", "1", 2, 7.0), ("half", "2", 4, 4.0)]
 
@@ -1013,6 +1038,11 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
         (1, "first", 2, 6, 6.0),
         (4, "second", 1, 6, 6.0),
         (4, "second", 2, 6, 6.0),
+    ]
+    # two seeds of 6 epochs in each link
+    assert [entry[:3] for entry in Bar.shown] == [
+        ("evaluation, iteration 1", 2, 12),
+        ("evaluation, iteration 4", 2, 12),
     ]
     links = pretended.jobs
     for number in (1, 2):
@@ -1079,7 +1109,7 @@ def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluati
 class Played(Task):
     """Three environments: episodes of 2, 5 and 3 steps, and then of 1 step each, all at once.
 
-    The sparse reward is 10, 20 and 30 times the step.
+    The sparse reward is 11, 20 and 30 times the step.
     """
 
     LENGTHS: ClassVar = [2, 5, 3]
@@ -1098,7 +1128,7 @@ class Played(Task):
         self.ages += 1
 
     def sparse_reward(self):
-        return torch.tensor([10.0, 20.0, 30.0]) * self.steps
+        return torch.tensor([11.0, 20.0, 30.0]) * self.steps
 
     def episode_outcome(self, mean_sparse_reward):
         return mean_sparse_reward
@@ -1115,9 +1145,9 @@ class Played(Task):
 
 def test_every_environment_plays_one_whole_episode_and_what_it_does_afterwards_counts_nowhere():
     task = Played()
-    # 10 (1 + 2) / 2 = 15; 20 (1 + 2 + 3 + 4 + 5) / 5 = 60; 30 (1 + 2 + 3) / 3 = 60
+    # 11 (1 + 2) / 2 = 16.5; 20 (1 + 2 + 3 + 4 + 5) / 5 = 60; 30 (1 + 2 + 3) / 3 = 60
     assert play_episodes(task, lambda observations: observations + 0.5) == [
-        Episode(2, 15.0),
+        Episode(2, 16.5),
         Episode(5, 60.0),
         Episode(3, 60.0),
     ]
@@ -1136,7 +1166,9 @@ def test_an_outcome_of_its_own_is_read_when_its_episode_ends():
 
 
 def test_a_probe_scores_by_its_highest_fitness():
-    outcome = Outcome([(1, "fitness", -3.0), (2, "fitness", -1.0), (3, "fitness", -2.0), (3, "goal", 9.0)], "")
+    outcome = Outcome(
+        [(1, "fitness", -3.0), (2, "fitness", -1.0), (3, "fitness", -2.0), (3, "goal", 9.0), (3, "bonus", 8.0)], ""
+    )
     assert Probe(row("a", 0), outcome).score == -1.0
 
 
@@ -1167,6 +1199,8 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     """2 candidates, 3 probes each to epoch round(0.4 x 5) = 2; then one of each to epoch 5."""
     roska = changed(small, train={"rung_epochs": 5}, probe={"trainings": 3, "initial": 3, "share": 0.4})
     search_rung(fusible, roska, 2, "1", 5, tmp_path / "out")
+    # 6 probes of 2 epochs, and 3 epochs more for the two that go on
+    assert [entry[:3] for entry in Bar.shown] == [("iteration 2 rung 1", 2, 18)]
     probed, going = pretended.jobs
     assert [entry.until for entry in probed] == [2] * 6
     # theta_best is 1 and theta_random 0, so theta_f is alpha

@@ -90,6 +90,14 @@ def test_the_expected_improvement_between_two_scores():
     assert expected_improvement([0.0, 1.0], [3.0, 7.0], [0.5, 0.75], params) == pytest.approx([middle, right])
 
 
+def test_the_best_score_lies_as_many_deviations_above_the_mean_as_it_does():
+    # 3, 4 and 7: mean 14 / 3, and distances -5 / 3, -2 / 3 and 7 / 3 from it, so a deviation of sqrt(78 / 27) and a best of
+    # 7 / sqrt(26) deviations. Where no score reaches, mean 0 and variance 1 are expected.
+    params = dataclasses.replace(PARAMS, length=0.01, xi=0.1)
+    expected = mean_excess(-7 / math.sqrt(26) - 0.1, 1.0)
+    assert expected_improvement([0.0, 0.3, 1.0], [3.0, 4.0, 7.0], [0.6], params) == pytest.approx([expected])
+
+
 def test_units_of_the_scores_do_not_matter():
     tried, scores = initial_alphas(6), [0.0, 1.0, 3.0, 2.0, 1.0, 0.0]
     wanted = next_alpha(tried, scores, PARAMS)
@@ -126,7 +134,7 @@ def test_the_best_alpha_is_that_of_the_highest_score_and_the_smallest_of_equals(
     assert best_alpha([0.0, 0.8, 0.2], [1.0, 3.0, 3.0]) == 0.2
 
 
-@pytest.mark.parametrize("scores", [[], [1.0], [1.0, float("nan")], [1.0, float("-inf")]])
+@pytest.mark.parametrize("scores", [[], [1.0], [1.0, 2.0, 3.0], [1.0, float("nan")], [1.0, float("-inf")]])
 def test_scores_that_are_missing_or_not_finite_are_refused(scores):
     with pytest.raises(ValueError, match="finite score for each alpha"):
         next_alpha([0.0, 1.0], scores, PARAMS)

@@ -49,7 +49,7 @@ def test_softmax_does_not_overflow():
 
 
 @pytest.mark.parametrize(
-    ("values", "temperature"), [([], 1.0), ([float("nan")], 1.0), ([-math.inf], 1.0), ([1.0], 0.0)]
+    ("values", "temperature"), [([], 1.0), ([float("nan")], 1.0), ([-math.inf], 1.0), ([1.0], 0.0), ([1.0], -2.0)]
 )
 def test_softmax_refuses_what_has_no_probabilities(values, temperature):
     with pytest.raises(ValueError, match="temperature above zero"):
@@ -224,3 +224,28 @@ def test_operators_are_drawn_by_their_probability():
     assert drawn["crossover"] / 4000 == pytest.approx(0.25, abs=0.03)
     assert choose_operator(1.0, generator) == "crossover"
     assert choose_operator(0.0, generator) == "mutation"
+
+
+class Drawn:
+    """A generator whose next number is known."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def random(self):
+        return self.number
+
+
+def test_what_has_a_probability_happens_where_the_draw_is_below_it_and_not_where_it_is_that():
+    # draws are of [0, 1): where they were 0 alone, a probability of 0 would happen
+    assert [choose_operator(0.25, Drawn(draw)) for draw in (0.2499, 0.25)] == ["crossover", "mutation"]
+    assert choose_operator(0.0, Drawn(0.0)) == "mutation"
+    members = island(1, a=2.0) + island(2, b=1.0, c=0.0)
+    assert [len(migrate(members, 0.25, 1.0, Drawn(draw))) for draw in (0.2499, 0.25)] == [2, 3]
+    assert migrate(members, 0.0, 1.0, Drawn(0.0)) == members
+
+
+def test_of_islands_whose_best_are_equal_that_of_the_lower_id_is_the_stronger_one():
+    # b of island 2 comes before c of island 1, whoever else lives there: island 1 loses a and receives d
+    members = island(1, c=5.0, a=0.0) + island(2, b=5.0, d=0.0)
+    assert names(migrate(members, 1.0, 1.0, rng())) == [(1, "c"), (1, "d"), (2, "b")]
