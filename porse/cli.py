@@ -26,8 +26,10 @@ from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied,
 from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
+    "export": "porse.export:export",
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
+    "demo": "porse.demo:demo",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",
@@ -38,6 +40,7 @@ _LAZY = {
 
 _SAME_AGAIN = "give the same command again to start over"
 _HOW_ON = {
+    "demo": "remove the --out folder and give the command again, which starts over",
     "repro": HOW_ON,
     "run": "`porse run` does not go on; remove the --out folder or name another, or use `porse repro`, which does",
     "suite": "run `porse suite run` again, and it goes on with the entry that was at work",

@@ -100,7 +100,7 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
         # The networks of a preset are those of the task that is shown, whatever the file's own task is.
         document = load_document(path)
         params = parse_params({**document, "task": task} if isinstance(document, dict) else document, str(path))
-        actor = policy_actor(shown, _winners(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train)
+        actor = policy_actor(shown, winners_policy(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train)
     if in_viewer:
         view(shown, actor, seconds)
         return
@@ -109,7 +109,7 @@ def play(task: str, checkpoint: Path | None, path: Path, out: Path | None, secon
     click.echo(f"{target}: {shown.NAME}, {seconds:g} s")
 
 
-def _winners(run: Path, params: Params) -> Path:
+def winners_policy(run: Path, params: Params) -> Path:
     """Returns the file of the policy that a run ended with."""
     return policy_file(run / str(params.iterations[-1].next) / "start", BEST)
 

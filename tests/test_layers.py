@@ -29,7 +29,7 @@ LAYERS: list[set[str]] = [
     {"iteration", "repair"},
     {"outdated", "repro"},
     {"show", "suite"},
-    {"doctor"},
+    {"doctor", "demo", "export"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""
