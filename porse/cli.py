@@ -34,6 +34,8 @@ _LAZY = {
     "play": "porse.show:play",
     "render": "porse.show:render",
     "report": "porse.report.page:report",
+    "schema": "porse.schema:command",
+    "status": "porse.status:status",
     "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
@@ -201,9 +203,11 @@ def pipeline(check: bool) -> None:
 
 @main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def repro(arguments: tuple[str, ...]) -> None:
+@click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
+@click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
+def repro(arguments: tuple[str, ...], progress: str | None) -> None:
     """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
-    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True))
+    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)
 

@@ -81,6 +81,7 @@ def write_policy(target: Path, form: str, task: str, policy: Path, params: Train
     ppo = build_ppo(observation_groups(shown.observations()), shown.NUM_ACTIONS, params)
     load_policy(ppo, read_checkpoint(policy), policy)
     ppo.eval_mode()
+    ppo.actor.requires_grad_(False)
     with warnings.catch_warnings():
         # The exporters are those of the pinned torch; what a later one will call otherwise is no news to a user.
         warnings.simplefilter("ignore")

@@ -62,6 +62,7 @@ def export(*words):
     return CliRunner().invoke(main, ["export", *map(str, words)], catch_exceptions=False)
 
 
+@pytest.mark.filterwarnings("ignore:.*torch.jit.load.*:DeprecationWarning")
 def test_torchscript_acts_as_the_checkpoint_does(run, expected, root, monkeypatch):
     monkeypatch.chdir(root)
     target = run / "policy.pt"

@@ -26,9 +26,9 @@ LAYERS: list[set[str]] = [
     {"training", "generation"},
     {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
-    {"iteration", "repair"},
-    {"outdated", "repro"},
-    {"show", "suite"},
+    {"iteration", "plan", "repair"},
+    {"outdated", "repro", "schema"},
+    {"show", "status", "suite"},
     {"doctor", "demo", "export"},
     {"cli"},
 ]
