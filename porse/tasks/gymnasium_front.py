@@ -38,7 +38,8 @@ class _Camera:
             raise TaskError(
                 f"expected render_mode to be None or 'rgb_array', found {render_mode!r}; `porse play` has a viewer"
             )
-        self._open, self._of = ExitStack(), None
+        self._open = ExitStack()
+        self._of: Task | None = None
         self._take: Callable[[int], Pixels] | None = None
 
     def draw(self, task: Task, index: int) -> Pixels:
