@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup repro proof test test-slow servers test-servers record-example check format
+.PHONY: setup demo repro proof test test-slow servers test-servers record-example check format
 
 setup: .venv/ready
 
@@ -16,6 +16,10 @@ setup: .venv/ready
 # The default run: PoRSE on Quadcopter, from recorded replies, without a network.
 repro: setup
 	$(BIN)/porse repro
+
+# The whole way at tiny size: about a minute.
+demo: setup
+	$(BIN)/porse demo
 
 # Bit-identity: every recorded reply is what it was, everything is computed again, and the committed locks must still name
 # every byte.

@@ -26,18 +26,23 @@ from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied,
 from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
+    "export": "porse.export:export",
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
+    "demo": "porse.demo:demo",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",
     "report": "porse.report.page:report",
+    "schema": "porse.schema:command",
+    "status": "porse.status:status",
     "suite": "porse.suite.cli:suite",
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
 _SAME_AGAIN = "give the same command again to start over"
 _HOW_ON = {
+    "demo": "remove the --out folder and give the command again, which starts over",
     "repro": HOW_ON,
     "run": "`porse run` does not go on; remove the --out folder or name another, or use `porse repro`, which does",
     "suite": "run `porse suite run` again, and it goes on with the entry that was at work",
@@ -198,9 +203,11 @@ def pipeline(check: bool) -> None:
 
 @main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def repro(arguments: tuple[str, ...]) -> None:
+@click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
+@click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
+def repro(arguments: tuple[str, ...], progress: str | None) -> None:
     """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
-    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True))
+    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)
 

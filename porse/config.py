@@ -76,6 +76,7 @@ class LlmParams(Section):
     max_tokens: Annotated[int, Range(1, 10**7)]
     max_usd: NonNegative | None
     max_requests: Annotated[int, Range(0)] | None
+    on_miss: Literal["error", "grammar"]
     profiles: Mapping[str, Profile]
 
     @property

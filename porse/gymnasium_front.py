@@ -2,9 +2,12 @@
 
 Call `register_tasks` first. Ended episodes of a vector environment begin anew in the same step (gymnasium's SAME_STEP
 mode): the observation is the new episode's, and `infos["final_obs"]` holds the last one of the old.
-`gymnasium.make("porse/Over-v0")` gives a single one, whose caller resets it.
+`gymnasium.make("porse/Over-v0")` gives a single one, whose caller resets it. With `render_mode="rgb_array"` both draw, so that
+gymnasium's `RecordVideo` films them; where there is no display, set MUJOCO_GL=egl or osmesa before the first import.
 """
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, Literal
 
@@ -22,6 +25,41 @@ from porse.tasks.base import Task
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+Pixels = NDArray[np.uint8]
+
+WIDTH, HEIGHT = 480, 360
+
+
+class _Camera:
+    """Draws a task's environments; set up when it is first used, and anew for another task."""
+
+    def __init__(self, render_mode: str | None) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise TaskError(
+                f"expected render_mode to be None or 'rgb_array', found {render_mode!r}; `porse play` has a viewer"
+            )
+        self._open = ExitStack()
+        self._of: Task | None = None
+        self._take: Callable[[int], Pixels] | None = None
+
+    def draw(self, task: Task, index: int) -> Pixels:
+        """Returns an environment as it is now, `(height, width, 3)`, 8-bit RGB."""
+        # Imported here: without a picture, MuJoCo's renderer is not needed.
+        from porse.tasks.picture import camera
+
+        if self._take is None or self._of is not task:
+            self.close()
+            self._take, self._of = self._open.enter_context(camera(task, WIDTH, HEIGHT)), task
+        return self._take(index)
+
+    def close(self) -> None:
+        """Lets the renderer go."""
+        self._open.close()
+        self._take, self._of = None, None
+
+
+def _metadata(task: type[Task] | Task) -> dict[str, Any]:
+    return {"render_modes": ["rgb_array"], "render_fps": max(1, round(1.0 / task.CONTROL_DT))}
 
 
 class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
@@ -32,18 +70,25 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         num_envs: number of environments.
         reward: "human" for the original's reward, "sparse" for the fitness as a reward.
         threads: native threads of the physics.
+        render_mode: "rgb_array" to draw; None for no pictures.
 
     Raises:
-        TaskError: there is no such task or no such reward.
+        TaskError: there is no such task, no such reward or no such render mode.
     """
 
     def __init__(
-        self, task: str, num_envs: int = 1, reward: Literal["human", "sparse"] = "human", threads: int = 1
+        self,
+        task: str,
+        num_envs: int = 1,
+        reward: Literal["human", "sparse"] = "human",
+        threads: int = 1,
+        render_mode: str | None = None,
     ) -> None:
         _check_reward(reward)
-        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+        self.render_mode, self._camera = render_mode, _Camera(render_mode)
         self._name, self._reward, self._threads = task, reward, threads
         self._task: Task = make_task(task, num_envs, 0, threads)
+        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, **_metadata(self._task)}
         self.num_envs = num_envs
         limit = self._task.OBSERVATION_CLIP
         self.single_observation_space = Box(-limit, limit, (self._task.NUM_OBSERVATIONS,), np.float32)
@@ -52,9 +97,18 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
-        """Starts new episodes in all environments; with a seed, from the task's state of that seed."""
+        """Starts new episodes in all environments; with a seed, from the task's state of that seed.
+
+        `options["reset_mask"]`, bool (num_envs,), starts them in the environments that it names, and leaves the others alone.
+
+        Raises:
+            TaskError: the mask is no such array or names none, or there is a seed with it.
+        """
         super().reset(seed=seed)
-        if seed is None:
+        mask = (options or {}).get("reset_mask")
+        if mask is not None:
+            self._task.reset(torch.from_numpy(self._checked(mask, seed)))
+        elif seed is None:
             self._task.reset(torch.ones(self.num_envs, dtype=torch.bool))
         else:
             self._task = make_task(self._name, self.num_envs, seed, self._threads)
@@ -68,21 +122,55 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         terminated = task.terminated()
         truncated = task.timed_out() & ~terminated
         ended = terminated | truncated
-        infos: dict[str, Any] = {"fitness": task.fitness()}
+        # Of all environments together, as an array over them, as every value of a vector environment's infos is.
+        fitness = {
+            "fitness": np.full(self.num_envs, task.fitness()),
+            "_fitness": np.ones(self.num_envs, dtype=np.bool_),
+        }
+        infos: dict[str, Any] = {**fitness}
         if bool(ended.any()):
             infos |= {"final_obs": task.observations().numpy(), "_final_obs": ended.numpy()}
+            infos |= {"final_info": {**fitness, "_fitness": ended.numpy()}, "_final_info": ended.numpy()}
             task.reset(ended)
         return task.observations().numpy(), rewards.numpy(), terminated.numpy(), truncated.numpy(), infos
+
+    def render(self) -> tuple[Pixels, ...] | None:
+        """Returns a picture of each environment, `(height, width, 3)`; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._camera.draw(self._task, index) for index in range(self.num_envs))
+
+    def close_extras(self, **_: Any) -> None:
+        """Lets the renderer go."""
+        self._camera.close()
+
+    def _checked(self, mask: Any, seed: int | None) -> Flags:
+        if (
+            not isinstance(mask, np.ndarray)
+            or mask.dtype != np.bool_
+            or mask.shape != (self.num_envs,)
+            or not mask.any()
+        ):
+            raise TaskError(
+                f"expected reset_mask to be a bool array ({self.num_envs},) with an environment in it, found {mask!r}; "
+                "leave it out to reset all"
+            )
+        if seed is not None:
+            raise TaskError(
+                f"expected no seed beside reset_mask, found {seed}; a task has one generator for all its environments"
+            )
+        return mask
 
 
 class TaskSingleEnv(gymnasium.Env[Floats, Floats]):
     """A task with one environment as gymnasium sees it; the arguments are those of `TaskVectorEnv`."""
 
-    def __init__(self, task: str, reward: Literal["human", "sparse"] = "human") -> None:
+    def __init__(self, task: str, reward: Literal["human", "sparse"] = "human", render_mode: str | None = None) -> None:
         _check_reward(reward)
-        self.metadata = {"render_modes": []}
+        self.render_mode, self._camera = render_mode, _Camera(render_mode)
         self._name, self._reward = task, reward
         self._task: Task = make_task(task, 1, 0)
+        self.metadata = _metadata(self._task)
         limit = self._task.OBSERVATION_CLIP
         self.observation_space = Box(-limit, limit, (self._task.NUM_OBSERVATIONS,), np.float32)
         self.action_space = Box(-1.0, 1.0, (self._task.NUM_ACTIONS,), np.float32)
@@ -104,6 +192,14 @@ class TaskSingleEnv(gymnasium.Env[Floats, Floats]):
         terminated = bool(task.terminated())
         truncated = bool(task.timed_out()) and not terminated
         return task.observations()[0].numpy(), reward, terminated, truncated, {"fitness": task.fitness()}
+
+    def render(self) -> Pixels | None:
+        """Returns a picture of the environment, `(height, width, 3)`; None without a render mode."""
+        return None if self.render_mode is None else self._camera.draw(self._task, 0)
+
+    def close(self) -> None:
+        """Lets the renderer go."""
+        self._camera.close()
 
 
 def _check_reward(reward: str) -> None:

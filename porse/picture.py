@@ -58,23 +58,35 @@ It steps back by the rest of the way, so that the place, the quadcopter's target
 def picture(task: Task, width: int, height: int) -> Pixels:
     """Returns the first environment as it is now, `(height, width, 3)`, 8-bit RGB."""
     with camera(task, width, height) as take:
-        return take()
+        return take(0)
 
 
 @contextmanager
-def camera(task: Task, width: int, height: int) -> Iterator[Callable[[], Pixels]]:
-    """Sets a camera up, once for many pictures, and gives what takes one of the first environment as it is then."""
+def camera(task: Task, width: int, height: int, view_from: View | None = None) -> Iterator[Callable[[int], Pixels]]:
+    """Sets a camera up, once for many pictures, and gives what takes one of an environment as it is then.
+
+    Args:
+        task: what is drawn.
+        width: of a picture, in pixels.
+        height: of a picture, in pixels.
+        view_from: where the camera looks and stands, which then follows nothing; None for the task's own view.
+    """
     model, data = first_simulation(task)
     view = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, view)
-    if task.NAME in VIEWS:
-        view.lookat[:], view.distance, view.azimuth, view.elevation = VIEWS[task.NAME]
+    chosen = view_from or VIEWS.get(task.NAME)
+    if chosen:
+        view.lookat[:], view.distance, view.azimuth, view.elevation = chosen
+    # The default frame buffer of a scene may be smaller than what is asked for.
+    model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
+    model.vis.global_.offheight = max(model.vis.global_.offheight, height)
     with mujoco.Renderer(model, height, width) as renderer:
 
-        def take() -> Pixels:
-            first_simulation(task, data)
+        def take(index: int) -> Pixels:
+            simulation(task, index, data)
             mujoco.mj_forward(model, data)
-            follow(task.NAME, data, view)
+            if view_from is None:
+                follow(task.NAME, data, view)
             renderer.update_scene(data, view)
             return renderer.render()
 
@@ -91,10 +103,15 @@ def follow(name: str, data: mujoco.MjData, view: mujoco.MjvCamera) -> None:
 
 
 def first_simulation(task: Task, data: mujoco.MjData | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Returns the model and the state of the first environment, into `data` when it is given; derived fields are not."""
+    """Returns the model and the state of the first environment, as `simulation` does."""
+    return simulation(task, 0, data)
+
+
+def simulation(task: Task, index: int, data: mujoco.MjData | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Returns the model and the state of an environment, into `data` when it is given; derived fields are not."""
     physics = task._physics
     assert isinstance(physics, CpuPhysics)
-    return physics.model, physics._batch.get_data(0, data)
+    return physics.model, physics._batch.get_data(index, data)
 
 
 def write_png(path: Path, pixels: Pixels) -> None:

@@ -42,6 +42,15 @@ def repair(root: Path) -> list[str]:
         return did
 
 
+def at_work(root: Path) -> bool:
+    """Returns whether a DVC is at work on a stage of the project at `root`."""
+    try:
+        return any(_living(root / ".dvc" / "tmp" / "rwlock"))
+    except (OSError, ValueError, AttributeError, TypeError, KeyError):
+        # There is none, or DVC is just writing it: it is asked again by whoever wants to know.
+        return False
+
+
 def is_whole(text: str) -> bool:
     """Returns whether a lock's text is all that DVC wrote: entries of stages, the last line of the last one included."""
     if not text.endswith("\n"):
@@ -125,12 +134,7 @@ def _mend_rwlock(path: Path) -> Iterator[str]:
     if not path.is_file():
         return
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        holders = [
-            *held.get("write", {}).values(),
-            *(entry for each in held.get("read", {}).values() for entry in each),
-        ]
-        living = [_lives(holder) for holder in holders]
+        living = _living(path)
     except (ValueError, AttributeError, TypeError, KeyError):
         path.unlink()
         yield f"{path.name} of DVC was cut off: taken away"
@@ -138,6 +142,13 @@ def _mend_rwlock(path: Path) -> Iterator[str]:
     if living and not any(living):
         path.unlink()
         yield f"{path.name} of DVC named a process that has ended: taken away"
+
+
+def _living(path: Path) -> list[bool]:
+    """Returns for each process that holds files of the project, by DVC's list, whether it lives."""
+    held = json.loads(path.read_text(encoding="utf-8"))
+    holders = [*held.get("write", {}).values(), *(entry for each in held.get("read", {}).values() for entry in each)]
+    return [_lives(holder) for holder in holders]
 
 
 def _lives(holder: Mapping[str, Any]) -> bool:

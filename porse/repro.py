@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
@@ -13,12 +14,13 @@ from types import FrameType
 from porse.config import load_params
 from porse.errors import PorseError
 from porse.pipeline import write_pipeline
+from porse.plan import write_plan
 from porse.processes import die_with_parent
 from porse.repair import repair
 from porse.warm.start import warm_server
 
 
-def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) -> int:
+def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], progress: str = "") -> int:
     """Mends what a killed run may have left, runs `dvc repro` in a process that ends with this one, and returns its code.
 
     Stages are forked from a warm server while it runs.
@@ -27,6 +29,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
         root: the project's root.
         arguments: what `dvc repro` gets.
         say: told one line for everything that was mended or written.
+        progress: how stages show theirs (`porse.training.bar`); empty: as PORSE_PROGRESS says.
 
     Raises:
         PorseError: there is no pipeline in `root`, or its parameters are wrong.
@@ -43,10 +46,16 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None]) 
     params = load_params(root / "params.yaml", root)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
-    command = [sys.executable, "-m", "dvc", "repro", *arguments]
+    # What DVC says between the stages is no progress, and no JSON.
+    command = [sys.executable, "-m", "dvc", "repro", *(["--quiet"] if progress else []), *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())
-    with warm_server(params.numerics) as found:
-        process = subprocess.Popen(command, cwd=root, env={**os.environ, **found}, preexec_fn=end_with_this)
+    with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
+        plan = Path(scratch) / "plan.json"
+        write_plan(plan, params)
+        environment = {**os.environ, **found, "PORSE_PLAN": str(plan)}
+        if progress:
+            environment["PORSE_PROGRESS"] = progress
+        process = subprocess.Popen(command, cwd=root, env=environment, preexec_fn=end_with_this)
 
         interrupted = False
 

@@ -52,7 +52,9 @@ def params(
 ) -> LlmParams:
     """Returns the llm section with these budgets and one profile, some of whose fields are changed."""
     profile = Profile("test-model", (), "max_tokens", (), {}, base_url, "", 2.0, 10.0)
-    return LlmParams("local", 0.5, 0.9, 100, max_usd, max_requests, {"local": dataclasses.replace(profile, **changes)})
+    return LlmParams(
+        "local", 0.5, 0.9, 100, max_usd, max_requests, "error", {"local": dataclasses.replace(profile, **changes)}
+    )
 
 
 def new_store(directory: Path) -> Store:

@@ -39,7 +39,7 @@ def test_every_command_has_an_example(name):
 def test_every_example_is_what_its_command_takes(words, tmp_path, monkeypatch):
     """click reads the arguments, checks of paths included, and the command itself is not run."""
     name, arguments = split(words)
-    for folder in ("prompts", "llm_cache"):
+    for folder in ("prompts", "llm_cache", "run"):
         (tmp_path / folder).mkdir()
     for file in ("answers.jsonl", "new.txt"):
         (tmp_path / file).touch()
@@ -105,7 +105,7 @@ def test_every_command_that_prints_a_table_has_json():
     without = {name for name in LEAVES if not any("--json" in option.opts for option in ALL[name].params)}
     # They write files, run something, or print a text that is meant to be read as it is.
     assert without == {
-        ("pipeline",), ("repro",), ("run",), ("report",), ("render",), ("play",), ("suite", "run"),
+        ("demo",), ("export",), ("pipeline",), ("schema",), ("run",), ("report",), ("render",), ("play",), ("suite", "run"),
         ("llm", "export"), ("llm", "import"), ("llm", "show"), ("llm", "diff"), ("llm", "refresh"),
     }  # fmt: skip
 

@@ -26,10 +26,10 @@ LAYERS: list[set[str]] = [
     {"training", "generation", "picture", "gymnasium_front"},
     {"report", "check_code", "estimate", "film", "task_probe"},
     {"steps"},
-    {"iteration", "repair"},
-    {"outdated", "repro"},
-    {"show", "suite"},
-    {"doctor"},
+    {"iteration", "plan", "repair"},
+    {"outdated", "repro", "schema"},
+    {"show", "status", "suite"},
+    {"doctor", "demo", "export"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

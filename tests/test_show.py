@@ -61,6 +61,19 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
         ],
         "of_run.gif": ["play", "Quadcopter", "--out", "of_run.gif", "--checkpoint", "run", *policy[2:]],
         "of_no_run.gif": ["play", "Quadcopter", "--out", "of_no_run.gif", "--checkpoint", ".", *policy[2:]],
+        "small.mp4": [
+            "play",
+            "Quadcopter",
+            *policy,
+            "--out",
+            "small.mp4",
+            "--width",
+            "160",
+            "--height",
+            "120",
+        ],
+        "other_start.gif": ["render", "Quadcopter", "--out", "other_start.gif", "--seconds", "0.4", "--seed", "3"],
+        "from_above.png": ["render", "Over", "--out", "from_above.png", "--camera", "0,-0.5,0.5,2,90,-80"],
         "pen.webp": ["render", "Pen", "--out", "pen.webp"],
         "nothing.png": ["render", "Penn", "--out", "nothing.png"],
     }
@@ -152,7 +165,7 @@ def test_a_policy_has_the_networks_of_the_task_that_is_shown(shown):
 def test_another_kind_of_file_and_an_unknown_task_are_refused(shown):
     folder, results = shown
     assert results["pen.webp"] == (
-        1, "Error: expected --out to end in .png or .gif, found pen.webp; choose one of them\n",
+        1, "Error: expected --out to end in .png or .gif or .mp4, found pen.webp; choose one of them\n",
     )  # fmt: skip
     assert results["nothing.png"][0] == 1
     assert "'Penn'; the nearest names are Pen" in results["nothing.png"][1]
@@ -174,3 +187,24 @@ def test_the_renderer_is_the_one_that_is_there_and_the_users_choice_goes_first(m
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     show.choose_renderer()
     assert os.environ["MUJOCO_GL"] == "glfw"
+
+
+@drawn
+def test_a_film_has_the_size_the_start_and_the_camera_that_were_chosen(shown):
+    folder, results = shown
+    assert results["other_start.gif"] == (0, "other_start.gif: Quadcopter\n")
+    first, other = (imageio.imread(folder / name)[0] for name in ("quadcopter.gif", "other_start.gif"))
+    assert not np.array_equal(first, other)
+    assert results["from_above.png"] == (0, "from_above.png: Over\n")
+    assert not np.array_equal(imageio.imread(folder / "over.png"), imageio.imread(folder / "from_above.png"))
+
+
+@drawn
+def test_an_mp4_has_as_many_frames_as_a_gif(shown):
+    reader = pytest.importorskip("imageio_ffmpeg")
+    folder, results = shown
+    assert results["small.mp4"] == (0, "small.mp4: Quadcopter, 0.4 s\n")
+    assert reader.count_frames_and_secs(str(folder / "small.mp4")) == (11, pytest.approx(0.44))
+    frames = reader.read_frames(str(folder / "small.mp4"))
+    assert next(frames)["size"] == (160, 120)
+    frames.close()

@@ -1,5 +1,10 @@
 """The gymnasium front: spaces, seeds, ends of episodes, and gymnasium's own checks of what reset and step return."""
 
+import ctypes.util
+import os
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -39,7 +44,7 @@ def test_a_single_environment_passes_gymnasiums_own_checker(name):
     register_tasks()
     env = gymnasium.make(f"porse/{name}-v0")
     assert env.unwrapped.spec.id == f"porse/{name}-v0"
-    check_env(env.unwrapped, skip_close_check=True)
+    check_env(env.unwrapped, skip_close_check=True, skip_render_check=True)
     env.close()
 
 
@@ -94,3 +99,85 @@ def test_an_unknown_reward_is_refused():
     for front in (TaskSingleEnv, TaskVectorEnv):
         with pytest.raises(TaskError, match="'dense'"):
             front("Quadcopter", reward="dense")
+
+
+def test_the_infos_of_a_vector_environment_are_arrays_over_its_environments():
+    env = TaskVectorEnv("Quadcopter", 3)
+    env.reset(seed=0)
+    env._task.progress[1] = env._task.TIME_LIMIT - 1
+    *_, infos = env.step(np.zeros((3, 12), np.float32))
+    assert infos["fitness"].shape == infos["_fitness"].shape == (3,)
+    assert infos["_fitness"].all()
+    assert infos["final_info"]["_fitness"].tolist() == infos["_final_info"].tolist() == [False, True, False]
+
+
+def test_a_reset_mask_starts_the_environments_that_it_names_and_no_others():
+    env = TaskVectorEnv("Quadcopter", 3)
+    env.reset(seed=0)
+    for _ in range(4):
+        before, *_ = env.step(np.ones((3, 12), np.float32))
+    after, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+    assert [np.array_equal(before[i], after[i]) for i in range(3)] == [True, False, True]
+    assert env._task.progress.tolist() == [4, 0, 4]
+
+
+@pytest.mark.parametrize("mask", [[True, False], np.array([1, 0]), np.array([True]), np.array([False, False])], ids=str)
+def test_a_reset_mask_that_is_none_is_refused(mask):
+    with pytest.raises(TaskError, match=r"expected reset_mask to be a bool array \(2,\)"):
+        TaskVectorEnv("Quadcopter", 2).reset(options={"reset_mask": mask})
+    with pytest.raises(TaskError, match="expected no seed beside reset_mask"):
+        TaskVectorEnv("Quadcopter", 2).reset(seed=1, options={"reset_mask": np.array([True, False])})
+
+
+def test_an_unknown_render_mode_is_refused():
+    with pytest.raises(TaskError, match="expected render_mode to be None or 'rgb_array', found 'human'"):
+        TaskSingleEnv("Quadcopter", render_mode="human")
+    assert TaskVectorEnv("Quadcopter", 2).render() is None
+
+
+FILMED = """
+import sys, gymnasium, numpy as np
+from gymnasium.wrappers import RecordVideo, RenderCollection
+from porse.tasks.gymnasium_front import register_tasks
+register_tasks()
+env = RenderCollection(gymnasium.make("porse/Quadcopter-v0", render_mode="rgb_array"))
+env.reset(seed=1)
+for _ in range(3):
+    env.step(np.ones(12, np.float32))
+frames = env.render()
+assert len(frames) == 4, len(frames)
+assert frames[0].shape == (360, 480, 3) and frames[0].dtype == np.uint8 and frames[0].std() > 1
+assert not np.array_equal(frames[0], frames[3])
+env.close()
+vector = gymnasium.make_vec("porse/Quadcopter-v0", num_envs=2, render_mode="rgb_array")
+vector.reset(seed=1)
+one, other = vector.render()
+assert one.shape == (360, 480, 3) and not np.array_equal(one, other)
+vector.close()
+try:
+    import moviepy
+except ImportError:
+    sys.exit("no moviepy")
+env = RecordVideo(gymnasium.make("porse/Quadcopter-v0", render_mode="rgb_array"), sys.argv[1], video_length=3)
+env.reset(seed=1)
+for _ in range(4):
+    env.step(np.ones(12, np.float32))
+env.close()
+"""
+
+
+@pytest.mark.skipif(
+    not any(map(ctypes.util.find_library, ("EGL", "OSMesa"))),
+    reason="needs EGL or OSMesa: install libegl1 or libosmesa6",
+)
+def test_gymnasium_films_a_task(tmp_path):
+    """In a process of its own: the renderer is chosen before MuJoCo is imported."""
+    back_end = "egl" if ctypes.util.find_library("EGL") else "osmesa"
+    done = subprocess.run(
+        [sys.executable, "-c", FILMED, tmp_path], env=os.environ | {"MUJOCO_GL": back_end}, capture_output=True, text=True,
+    )  # fmt: skip
+    if done.stderr.strip().endswith("no moviepy"):
+        return
+    assert done.returncode == 0, done.stderr
+    [film] = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 1000

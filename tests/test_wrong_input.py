@@ -45,7 +45,25 @@ def test_a_film_that_would_fill_the_memory_is_refused():
 
 def test_the_suffix_of_a_film_is_checked_before_it_is_drawn():
     done = porse("play", "Pen", "--out", "a.webm")
-    assert done.output == "Error: expected --out to end in .gif, found a.webm; choose one of them\n"
+    assert done.output == "Error: expected --out to end in .gif or .mp4, found a.webm; choose one of them\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--width", "481"], "expected an even number of pixels"),
+        (["--height", "5000"], "5000 is not in the range"),
+        (["--camera", "1,2,3"], "expected X,Y,Z,DISTANCE,AZIMUTH,ELEVATION"),
+        (["--camera", "0,0,0,0,90,-10"], "a distance above 0"),
+        (["--camera", "0,0,nan,1,90,-10"], "six numbers"),
+        (["--seconds", "120", "--width", "3840", "--height", "2160"], "expected frames of at most 4096 MiB in memory"),
+    ],
+    ids=str,
+)
+def test_how_a_film_is_taken_is_checked_before_it_is_drawn(words, said):
+    done = porse("play", "Pen", "--out", "a.mp4", *words)
+    assert done.exit_code != 0
+    assert said in done.output
 
 
 def test_a_target_is_checked_before_any_work(tmp_path):

@@ -1,5 +1,7 @@
 """Who answers: the model by way of its recorded replies, the grammar, files, or a random splice of state variables.
 
+Where llm.on_miss is `grammar`, it answers what has no recorded reply, too.
+
 A question that nobody records still has its key, and what the grammar writes for it follows from the run's seed and that
 key alone. So methods that ask the same question get the same answer, whoever answers.
 """
@@ -11,11 +13,11 @@ from porse.config import Params
 from porse.errors import SearchError
 from porse.generation.grammar import mapping_text, reward_text, spliced_mapping_text, values_text
 from porse.identity import seed_for
-from porse.llm.ask import ask
+from porse.llm.ask import ask, ask_recorded
 from porse.llm.request import Question, Reply
 from porse.tasks import find_task
 
-FILES, SPLICED = "files", "spliced"
+FILES, GRAMMAR, SPLICED = "files", "grammar", "spliced"
 FOLDER = "functions"
 """Below it are the folders of one's own functions."""
 FUNCTIONS = ("reward", "mapping")
@@ -37,11 +39,17 @@ def answers(kinds: Sequence[str], questions: Sequence[Question], params: Params,
     """
     writers = [writer(kind, params) for kind in kinds]
     asked = [question for question, other in zip(questions, writers, strict=True) if not other]
-    recorded = iter(ask(asked, params.llm, cache) if asked else [])
+    recorded = iter(_recorded(asked, params, cache) if asked else [])
+    found = [None if other else next(recorded) for other in writers]
     return [
-        _written(other, kind, question, params) if other else next(recorded)
-        for kind, question, other in zip(kinds, questions, writers, strict=True)
+        reply or _written(other or GRAMMAR, kind, question, params)
+        for kind, question, other, reply in zip(kinds, questions, writers, found, strict=True)
     ]
+
+
+def _recorded(asked: Sequence[Question], params: Params, cache: Path) -> Sequence[Reply | None]:
+    """Returns the model's replies; None, where the parameters allow it, for those that the grammar has to give."""
+    return (ask_recorded if params.llm.on_miss == "grammar" else ask)(asked, params.llm, cache)
 
 
 def writer(kind: str, params: Params) -> str:

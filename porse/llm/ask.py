@@ -64,6 +64,19 @@ def ask(questions: Sequence[Question], params: LlmParams, cache_dir: Path) -> li
     return replies
 
 
+def ask_recorded(questions: Sequence[Question], params: LlmParams, cache_dir: Path) -> list[Reply | None]:
+    """Returns what `ask` does, but in frozen mode None for each question without a recorded reply.
+
+    Raises:
+        CacheError: a recorded reply cannot be trusted; and, in the other modes, what else `ask` raises.
+    """
+    if mode_from_environment() != "frozen":
+        return [*ask(questions, params, cache_dir)]
+    store = Store(cache_dir)
+    found = [resolve(question.request, store.read) for question in questions]
+    return [reply if isinstance(reply, Reply) else None for reply in found]
+
+
 def resolve(request: Request, read: Callable[[str], Record | None]) -> Reply | Request:
     """Returns the recorded reply to a request, or the request that must be asked next to get it.
 
@@ -106,7 +119,7 @@ def _cache_miss(missing: list[Question], params: LlmParams, store: Store) -> Cac
     return CacheMiss(
         f"Expected a recorded reply in {store.cache_dir} to every request, found none for {len(missing)}: "
         f"{_named(missing)}. {nearest} If the prompts or the llm parameters were changed by "
-        f"mistake, change them back; to get new replies, run {command}."
+        f"mistake, change them back; to get new replies, run {command}; to go on without a model, set llm.on_miss to grammar."
     )
 
 

@@ -1,15 +1,35 @@
-"""A rung's progress on the terminal: epochs, environment steps per second, fitness."""
+"""A rung's progress: bars on a terminal, one line elsewhere, JSON lines, or nothing; and TensorBoard's files beside it.
 
+All of it looks on. Nothing here reaches a result, so that the variables below are none of the parameters:
+
+| variable | meaning | default |
+| --- | --- | --- |
+| `PORSE_PROGRESS` | `auto`: bars where there is a terminal, else one line a rung; `quiet`: failures alone; `json`: a JSON object a line | `auto` |
+| `PORSE_PLAN` | the file in which `porse repro` says what comes after this rung | none |
+| `PORSE_TENSORBOARD` | the folder that event files go to, one folder in it for each training | none |
+"""
+
+import json
+import math
+import os
+import sys
 import time
+from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import click
 
 from porse.training.job import Ended, Report
 
+PROGRESS_VARIABLE, PLAN_VARIABLE, TENSORBOARD_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN", "PORSE_TENSORBOARD"
+
+ROOM_FOR = 12
+"""So many candidates get a bar of their own, where the terminal is high enough."""
+
 
 class RungBar:
-    """One bar for all candidates of a rung, a line for each that failed, and a line when it is done.
+    """Shows how the trainings of a rung go, a line for each that failed, and a line when it is done.
 
     Args:
         label: which rung.
@@ -21,37 +41,171 @@ class RungBar:
     def __init__(self, label: str, candidates: int, epochs: int, steps_per_epoch: int) -> None:
         self._label, self._candidates, self._epochs = label, candidates, epochs
         self._steps_per_epoch = steps_per_epoch
-        self._fitness: dict[str, float] = {}
+        self._best, self._done = -math.inf, 0
         self._failures: list[tuple[str, str]] = []
         self._started = time.monotonic()
-        self._bar = click.progressbar(
-            length=self._epochs, label=label, item_show_func=lambda text: text or "", show_pos=True, show_eta=False,
-        )  # fmt: skip
-        self._done = 0
+        self._mode = os.environ.get(PROGRESS_VARIABLE, "") or "auto"
+        self._stage, self._stages, self._after = _planned(label)
+        self._bars = _Bars(self._head(), candidates, epochs) if self._mode == "auto" and sys.stdout.isatty() else None
+        folder = os.environ.get(TENSORBOARD_VARIABLE, "")
+        self._events = _Events(Path(folder) / label.replace(",", "").replace(" ", "-")) if folder else None
 
     def __enter__(self) -> "RungBar":
-        self._bar.__enter__()
+        if self._bars:
+            self._bars.start()
+        elif self._mode == "json":
+            self._tell_json("rung")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.__exit__(kind, error, trace)
+        if self._bars:
+            self._bars.stop()
         for name, why in self._failures:
-            click.echo(f"{self._label}: {name} failed: {why}")
-        if kind is None:
-            best = f", best fitness {max(self._fitness.values()):.3f}" if self._fitness else ""
-            click.echo(f"{self._label}: {self._candidates} candidates, {self._done} epochs, {self._speed()}{best}")
+            if self._mode == "json":
+                self._tell_json("failed", candidate=name, failure=why)
+            else:
+                click.echo(f"{self._label}: {name} failed: {why}")
+        if kind is not None:
+            return
+        if self._mode == "json":
+            self._tell_json("done")
+        elif self._mode != "quiet":
+            click.echo(f"{self._head()}: {self._candidates} candidates, {self._done} epochs, {self._figures()}")
 
     def tell(self, event: Report | Ended) -> None:
         """Shows that one epoch of one candidate is done, and keeps the reason of one that failed for the end."""
         if isinstance(event, Report):
-            self._fitness[event.name] = event.fitness
+            self._best = max(self._best, event.fitness)
             self._done += 1
-            self._bar.update(1, f"{self._speed()}, best fitness {max(self._fitness.values()):.3f}")
-        elif event.outcome.failure:
-            self._failures.append((event.name, event.outcome.failure))
+            if self._bars:
+                self._bars.advance(event.name, f"{self._figures()}{self._left()}", event.fitness)
+            elif self._mode == "json":
+                self._tell_json("epoch", candidate=event.name, epoch=event.epoch, fitness=event.fitness)
+        else:
+            if event.outcome.failure:
+                self._failures.append((event.name, event.outcome.failure))
+            if self._events:
+                self._events.write(event.name, event.outcome.rows)
 
-    def _speed(self) -> str:
-        elapsed = max(time.monotonic() - self._started, 1e-9)
-        return f"{self._done * self._steps_per_epoch / elapsed:,.0f} steps/s"
+    def _head(self) -> str:
+        return f"[{self._stage}/{self._stages}] {self._label}" if self._stages else self._label
+
+    def _figures(self) -> str:
+        """Returns speed and best fitness so far in words; the best one never falls."""
+        best = f", best fitness {self._best:.3f}" if self._done else ""
+        return f"{self._done * self._steps_per_epoch / self._elapsed():,.0f} steps/s{best}"
+
+    def _elapsed(self) -> float:
+        return max(time.monotonic() - self._started, 1e-9)
+
+    def _seconds_left(self) -> float | None:
+        """Returns how long all trainings of the run still take at this rung's speed; None where no plan says what comes."""
+        if not self._stages or not self._done:
+            return None
+        return (max(self._epochs - self._done, 0) + self._after) * self._elapsed() / self._done
+
+    def _left(self) -> str:
+        seconds = self._seconds_left()
+        return "" if seconds is None else f", {in_words(seconds)} left over all"
+
+    def _tell_json(self, event: str, **more: Any) -> None:
+        left = self._seconds_left()
+        line = {
+            "event": event,
+            "rung": self._label,
+            "stage": self._stage,
+            "stages": self._stages,
+            "candidates": self._candidates,
+            "epochs_done": self._done,
+            "epochs": self._epochs,
+            "steps_per_second": round(self._done * self._steps_per_epoch / self._elapsed(), 1),
+            "best_fitness": self._best if self._done and math.isfinite(self._best) else None,
+            "seconds_left": None if left is None else round(left, 1),
+            **more,
+        }
+        click.echo(json.dumps(line))
+        sys.stdout.flush()
+
+
+def in_words(seconds: float) -> str:
+    """Returns a length of time in words: "40 s", "3 min", "2 h 5 min"."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _planned(label: str) -> tuple[int, int, int]:
+    """Returns the stage of a rung, the number of stages, and the epochs that come after it; zeros without a plan."""
+    try:
+        plan = json.loads(Path(os.environ[PLAN_VARIABLE]).read_text(encoding="utf-8"))
+        return plan["rungs"][label]["stage"], plan["stages"], plan["rungs"][label]["epochs_after"]
+    except (KeyError, OSError, ValueError):
+        # A bar without a plan shows its rung alone.
+        return 0, 0, 0
+
+
+class _Bars:
+    """Rich's bars: one for the rung, and one for each candidate where there is room."""
+
+    def __init__(self, head: str, candidates: int, epochs: int) -> None:
+        # Imported here: a run without a terminal needs none of it.
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+        console = Console()
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[said]}"),
+        )
+        self._progress = Progress(*columns, console=console, transient=True)
+        self._rung = self._progress.add_task(head, total=epochs, said="")
+        self._has_room = 1 < candidates <= min(ROOM_FOR, console.height - 4)
+        self._each, self._own = epochs / max(candidates, 1), dict[str, tuple[Any, float]]()
+
+    def start(self) -> None:
+        self._progress.start()
+
+    def stop(self) -> None:
+        self._progress.stop()
+
+    def advance(self, name: str, said: str, fitness: float) -> None:
+        """Moves the rung's bar and the candidate's by one epoch."""
+        self._progress.update(self._rung, advance=1, said=said)
+        if not self._has_room:
+            return
+        if name not in self._own:
+            self._own[name] = self._progress.add_task(f"  {name}", total=self._each, said=""), -math.inf
+        bar, before = self._own[name]
+        best = max(before, fitness)
+        self._own[name] = bar, best
+        self._progress.update(bar, advance=1, said=f"best fitness {best:.3f}")
+
+
+class _Events:
+    """TensorBoard's event files: each series of the curves table as a scalar, as large as it is there."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def write(self, name: str, rows: list[tuple[int, str, float]]) -> None:
+        """Writes the series of one training: (epoch, series, value)."""
+        # Imported here: it takes a second. Values are written in double precision, so that nothing is lost.
+        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.compat.proto.summary_pb2 import Summary
+        from tensorboard.compat.proto.tensor_pb2 import TensorProto
+        from tensorboard.compat.proto.types_pb2 import DT_DOUBLE
+        from tensorboard.plugins.scalar.metadata import create_summary_metadata
+        from tensorboard.summary.writer.event_file_writer import EventFileWriter
+
+        writer = EventFileWriter(str(self._folder / name))
+        metadata = create_summary_metadata("", "")
+        for epoch, series, value in rows:
+            tensor = TensorProto(dtype=DT_DOUBLE, double_val=[value])
+            summary = Summary(value=[Summary.Value(tag=series, tensor=tensor, metadata=metadata)])
+            writer.add_event(Event(wall_time=time.time(), step=epoch, summary=summary))
+        writer.close()

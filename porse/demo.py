@@ -1,0 +1,127 @@
+"""`porse demo`: the whole way at tiny size, in a minute: search, winner, film, report.
+
+It runs in this process (`porse.iteration`), without DVC and without a network: recorded replies answer what they can, and the
+grammar the rest.
+"""
+
+import json
+import os
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from porse import numerics
+from porse.config import TrainParams, load_document, parse_params
+from porse.documents import render_yaml
+from porse.errors import PorseError
+from porse.pool import BEST, policy_file
+from porse.report.markdown import results_table
+from porse.report.page import report
+from porse.show import choose_renderer, has_display
+
+SMOKE: Mapping[str, Any] = {
+    "generator": "model",
+    "llm": {"on_miss": "grammar"},
+    "generate": {"candidates": 4, "elites": 1},
+    "train": {"rung_epochs": 8},
+    "eliminate": {"window": 4},
+    "mutate": {"pool": "eliminate-1", "mutants": 2},
+    "fuse": {"pool": "eliminate-2"},
+    "evaluate": {"seeds": 1, "episodes": 32},
+    "iterations": [{"n": 1, "next": 2}, {"n": 2, "next": "result"}],
+    "rungs": [
+        {"rung": 1, "pool": "validate-code", "until": 1, "keep": 2},
+        {"rung": "mutants", "pool": "mutate", "until": 1, "keep": 2},
+        {"rung": 2, "pool": "eliminate-mutants", "until": 2, "keep": 1},
+    ],
+}
+"""The parameters of the size `smoke`, laid over those of a file: 160 epochs in all, where a default run has thousands."""
+
+_FILM_S = 4.0
+
+
+def smoke(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a parsed `params.yaml` at the size `smoke`: the values of `SMOKE` take the place of its own."""
+    found = dict(document)
+    for key, value in SMOKE.items():
+        own = found.get(key)
+        found[key] = {**own, **value} if isinstance(own, Mapping) and isinstance(value, Mapping) else value
+    return found
+
+
+@click.command()
+@click.option(
+    "--out",
+    default="demo",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where the run goes; made when missing.",
+)
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
+@click.option("--open/--no-open", "opens", default=True, help="Open the report in a browser, where there is a display.")
+def demo(out: Path, path: Path, opens: bool) -> None:
+    """Run everything at tiny size, in about a minute and without a network: the search, its winner's film, the report."""
+    found = [name for name in ("run", "metrics.json") if (out / name).exists()]
+    if found:
+        raise PorseError(
+            f"expected a folder without a run in it, found {', '.join(found)} in {out}; remove the folder, or name another "
+            "with --out"
+        )
+    document = smoke(load_document(path))
+    params = parse_params(document, f"{path} at the size smoke")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "params.yaml").write_text(render_yaml(document), encoding="utf-8")
+    # Nothing here asks anybody, whatever the shell says.
+    os.environ["PORSE_LLM_MODE"] = "frozen"
+    # Before torch and MuJoCo are imported.
+    no_film = _no_renderer()
+    numerics.apply(params.numerics)
+    from porse.generation.states import checker
+    from porse.iteration import Place, run
+
+    with checker(params) as check:
+        run(params, Place(out, Path("prompts"), Path("llm_cache")), check, click.echo)
+    _write_manifest(out)
+    click.echo()
+    click.echo(results_table(json.loads((out / "metrics.json").read_text(encoding="utf-8"))))
+    click.echo()
+    if no_film:
+        click.echo(f"no film: {no_film}", err=True)
+    else:
+        winner = policy_file(out / "run" / str(params.iterations[-1].next) / "start", BEST)
+        _write_film(out / f"{params.task.replace(':', '.')}.gif", params.task, winner, params.train)
+    page = out / "report.html"
+    # Its command line, as a user would give it.
+    report.main([str(out), "--out", str(page)], prog_name="porse report", standalone_mode=False)
+    if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
+        click.echo(f"{page}: opened")
+
+
+def _write_manifest(out: Path) -> None:
+    (out / "logs").mkdir(exist_ok=True)
+    text = json.dumps(numerics.manifest(), indent=2, sort_keys=True)
+    (out / "logs" / "environment.json").write_text(f"{text}\n", encoding="utf-8")
+
+
+def _no_renderer() -> str:
+    """Returns why no film can be drawn here, empty where one can: a run is whole without it."""
+    try:
+        choose_renderer()
+    except PorseError as error:
+        return str(error)
+    return ""
+
+
+def _write_film(target: Path, task: str, policy: Path, params: TrainParams) -> None:
+    from porse.film import SEED, write_gif
+    from porse.tasks import make_task
+    from porse.training.actor import policy_actor
+
+    shown = make_task(task, 1, SEED)
+    write_gif(target, shown, policy_actor(shown, policy, params), _FILM_S)
+    click.echo(f"{target}: the winner, {_FILM_S:g} s")

@@ -1,0 +1,159 @@
+"""Progress looks on: what a bar says, what the plan knows, and where a pipeline is."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from porse import status as status_module
+from porse.cli import main
+from porse.plan import planned, write_plan
+from porse.search.schedule import total_epochs
+from porse.training.bar import RungBar, in_words
+from porse.training.job import Ended, Outcome, Report
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch):
+    for name in ("PORSE_PROGRESS", "PORSE_PLAN", "PORSE_TENSORBOARD"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def shown(events, label="iteration 2 rung 1"):
+    with RungBar(label, 2, 6, 100) as bar:
+        for event in events:
+            bar.tell(event)
+
+
+FALLING = [Report("a", 1, -0.5), Report("b", 1, -0.2), Report("a", 2, -0.9), Report("b", 2, -0.7)]
+
+
+def test_without_a_terminal_a_rung_is_one_line_and_the_best_fitness_never_falls(capsys):
+    shown(FALLING)
+    [line] = capsys.readouterr().out.splitlines()
+    assert line.startswith("iteration 2 rung 1: 2 candidates, 4 epochs, ")
+    assert line.endswith("steps/s, best fitness -0.200")
+
+
+def test_the_quiet_mode_says_what_fails_alone(capsys, monkeypatch):
+    monkeypatch.setenv("PORSE_PROGRESS", "quiet")
+    shown([*FALLING, Ended("a", Outcome([], "not finite"))])
+    assert capsys.readouterr().out == "iteration 2 rung 1: a failed: not finite\n"
+
+
+def test_the_json_mode_says_stage_and_time_left(capsys, monkeypatch, params, tmp_path):
+    write_plan(tmp_path / "plan.json", params)
+    monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
+    monkeypatch.setenv("PORSE_PROGRESS", "json")
+    shown([*FALLING, Ended("a", Outcome([], "not finite"))])
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [row["event"] for row in rows] == ["rung", "epoch", "epoch", "epoch", "epoch", "failed", "done"]
+    assert [row["best_fitness"] for row in rows[:5]] == [None, -0.5, -0.2, -0.2, -0.2]
+    # resolve, begin; 18 stages in each iteration: generate, validate-code, 7 rungs of 2, mutate, fuse; then 2 and the third.
+    assert (rows[0]["stage"], rows[0]["stages"]) == (2 + 18 + 3, 2 + 5 * 18 + 2)
+    assert rows[0]["seconds_left"] is None
+    assert rows[-1]["seconds_left"] > 0
+
+
+def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root, tmp_path):
+    import yaml
+
+    stages = planned(params)
+    files = {
+        "": root / "dvc.yaml",
+        **{f"iterations/{n}/dvc.yaml:": root / f"iterations/{n}/dvc.yaml" for n in range(1, 6)},
+    }
+    named = {f"{where}{name}" for where, path in files.items() for name in yaml.safe_load(path.read_text())["stages"]}
+    assert {stage.name for stage in stages} == named
+    assert len(stages) == len(named)
+    assert sum(stage.epochs for stage in stages) == total_epochs(params)
+    write_plan(tmp_path / "plan.json", params)
+    rungs = json.loads((tmp_path / "plan.json").read_text())["rungs"]
+    # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; nothing is trained after the last rung.
+    assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16
+    assert rungs["iteration 5 rung 6"]["epochs_after"] == 0
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(9.6, "10 s"), (95, "2 min"), (7500, "2 h 5 min")])
+def test_a_time_is_said_in_words(seconds, words):
+    assert in_words(seconds) == words
+
+
+def test_event_files_hold_every_value_as_it_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("PORSE_TENSORBOARD", str(tmp_path))
+    value = 0.1 + 2**-40
+    shown([Ended("a", Outcome([(1, "fitness", -1.5), (2, "fitness", value)], ""))])
+    from tensorboard.backend.event_processing.event_file_loader import LegacyEventFileLoader
+
+    [file] = (tmp_path / "iteration-2-rung-1" / "a").iterdir()
+    found = [
+        (event.step, item.tag, item.tensor.double_val[0])
+        for event in LegacyEventFileLoader(str(file)).Load()
+        for item in event.summary.value
+    ]
+    assert found == [(1, "fitness", -1.5), (2, "fitness", value)]
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, root, params):
+    """A project with an input, and locks of the first three stages of which the third read another input."""
+    import yaml
+
+    from porse.inputs.resolve import Inputs
+
+    (tmp_path / "dvc.yaml").touch()
+    (tmp_path / "params.yaml").write_text((root / "params.yaml").read_text())
+    (tmp_path / "presets").symlink_to(root / "presets")
+    inputs = {name: Inputs({"name": name}, {}) for name in ("begin", "generate", "validate-code")}
+    monkeypatch.setattr(status_module, "resolve_inputs", lambda *_: inputs)
+    monkeypatch.chdir(tmp_path)
+
+    def lock(name, path, deps, out):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        document = yaml.safe_load(path.read_text()) if path.exists() else {"stages": {}}
+        document["stages"][name] = {
+            "deps": [{"path": dep, "md5": md5} for dep, md5 in deps.items()],
+            "outs": [{"path": out[0], "md5": out[1]}],
+        }
+        path.write_text(yaml.safe_dump(document))
+        (tmp_path / out[0]).mkdir(parents=True, exist_ok=True)
+
+    import hashlib
+
+    (tmp_path / "inputs").mkdir()
+    md5s = {}
+    for name, own in inputs.items():
+        (tmp_path / "inputs" / f"{name}.json").write_text(own.render())
+        md5s[name] = hashlib.md5(own.render().encode()).hexdigest()
+    first = tmp_path / "iterations" / "1" / "dvc.lock"
+    lock("begin", tmp_path / "dvc.lock", {"inputs/begin.json": md5s["begin"]}, ("run/1/start", "s"))
+    lock("generate", first, {"inputs/generate.json": md5s["generate"], "run/1/start": "s"}, ("run/1/generate", "g"))
+    lock("validate-code", first, {"run/1/generate": "another"}, ("run/1/validate-code", "v"))
+    return tmp_path
+
+
+def told():
+    done = CliRunner().invoke(main, ["status", "--json"], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return json.loads(done.output)
+
+
+def test_a_stage_is_done_where_its_lock_names_what_is_there_now(pipeline):
+    found = told()
+    assert (found["state"], found["done"], found["stages"]) == ("stopped", 3, 94)
+    assert found["next"] == "iterations/1/dvc.yaml:validate-code"
+    assert (found["epochs_done"], found["epochs"]) == (0, 5 * 36 * 16)
+    assert "`porse repro` goes on" in found["how_on"]
+
+
+def test_an_output_that_is_gone_is_not_done(pipeline):
+    (pipeline / "run" / "1" / "generate").rmdir()
+    assert told()["next"] == "iterations/1/dvc.yaml:generate"
+
+
+def test_before_the_first_stage_nothing_is_started_and_while_dvc_works_it_runs(pipeline, monkeypatch):
+    (pipeline / "inputs" / "begin.json").unlink()
+    assert told()["state"] == "not started"
+    monkeypatch.setattr(status_module, "at_work", lambda root: True)
+    said = CliRunner().invoke(main, ["status"]).output.splitlines()
+    assert said[:2] == ["running: 0 of 94 stages, 0 of 2880 epochs", "at work: resolve"]
