@@ -45,7 +45,7 @@ class _Camera:
     def draw(self, task: Task, index: int) -> Pixels:
         """Returns an environment as it is now, `(height, width, 3)`, 8-bit RGB."""
         # Imported here: without a picture, MuJoCo's renderer is not needed.
-        from porse.tasks.picture import camera
+        from porse.picture import camera
 
         if self._take is None or self._of is not task:
             self.close()

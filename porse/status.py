@@ -94,7 +94,7 @@ def status_of(root: Path) -> Status:
 
 def _locks(root: Path) -> dict[str, Mapping[str, Any]]:
     """Returns what the locks say of each stage, by the name that `dvc repro` takes."""
-    found = {}
+    found: dict[str, Mapping[str, Any]] = {}
     for path in (root / "dvc.lock", *(root / "iterations").glob("*/dvc.lock")):
         if path.is_file():
             folder = "" if path.parent == root else f"{path.parent.relative_to(root).as_posix()}/dvc.yaml:"

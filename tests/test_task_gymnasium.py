@@ -138,7 +138,7 @@ def test_an_unknown_render_mode_is_refused():
 FILMED = """
 import sys, gymnasium, numpy as np
 from gymnasium.wrappers import RecordVideo, RenderCollection
-from porse.tasks.gymnasium_front import register_tasks
+from porse.gymnasium_front import register_tasks
 register_tasks()
 env = RenderCollection(gymnasium.make("porse/Quadcopter-v0", render_mode="rgb_array"))
 env.reset(seed=1)
