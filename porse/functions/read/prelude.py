@@ -179,7 +179,7 @@ _FORMULAS: dict[str, Callable[..., Any]] = {
     # What lies in [-1, 1], stretched to [lower, upper], and what lies there, brought to [-1, 1].
     "scale": lambda x, lower, upper: (0.5 * (x + 1.0) * (upper - lower)) + lower,
     "unscale": lambda x, lower, upper: (2.0 * x - upper - lower) / (upper - lower),
-    # Of a frame q, t: a point and a direction of it in the outer one, its inverse, and a frame that lies in it in the outer one.
+    # Of a frame q, t: a point, a direction and another frame of it in the outer one, and its inverse.
     "tf_apply": lambda q, t, v: quat_apply(q, v) + t,
     "tf_vector": lambda q, v: quat_apply(q, v),
     "tf_inverse": lambda q, t: (quat_conjugate(q), -quat_apply(quat_conjugate(q), t)),
