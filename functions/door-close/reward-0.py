@@ -13,5 +13,5 @@ def compute_reward(
     right = torch.norm(door_right_handle_pos - right_hand_pos, dim=-1)
     reach_temp = 0.3
     reach = torch.exp(-(left + right) / reach_temp)
-    opening = 2.0 * torch.abs(door_left_handle_pos[:, 1] - door_right_handle_pos[:, 1])
-    return reach + opening, {"reach": reach, "opening": opening}
+    closing = 2.0 * (1.0 - torch.abs(door_left_handle_pos[:, 1] - door_right_handle_pos[:, 1]))
+    return reach + closing, {"reach": reach, "closing": closing}
