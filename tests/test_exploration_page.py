@@ -18,11 +18,13 @@ def page_rows(suite: str) -> dict[str, list[str]]:
 
 
 @pytest.mark.parametrize("path", SUITES, ids=lambda path: path.stem)
-def test_a_table_of_the_page_has_each_variant_with_five_seeds_and_its_numbers(path: Path) -> None:
+def test_a_table_of_the_page_has_each_finished_variant_with_five_seeds_and_its_numbers(path: Path) -> None:
     with (ROOT / "docs" / "exploration" / f"{path.stem}.csv").open() as file:
         measured = {(row["variant"], row["figure"]): row for row in csv.DictReader(file)}
     shown = page_rows(path.stem)
-    assert list(shown) == list(yaml.safe_load(path.read_text())["variants"])
+    finished = {variant for variant, _ in measured}
+    assert list(shown) == [name for name in yaml.safe_load(path.read_text())["variants"] if name in finished]
+    assert "none" in finished
     for variant, cells in shown.items():
         score = measured[variant, "score"]
         assert int(score["seeds"]) == 5
