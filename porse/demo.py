@@ -15,30 +15,16 @@ import click
 
 from porse import numerics
 from porse.config import TrainParams, load_document, parse_params
-from porse.documents import render_yaml
+from porse.documents import read_yaml, render_yaml
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 from porse.report.markdown import results_table
-from porse.report.page import report
+from porse.report.page import page_of, render
+from porse.report.results import read_results
 from porse.show import choose_renderer, has_display
 
-SMOKE: Mapping[str, Any] = {
-    "generator": "model",
-    "llm": {"on_miss": "grammar"},
-    "generate": {"candidates": 4, "elites": 1},
-    "train": {"rung_epochs": 8},
-    "eliminate": {"window": 4},
-    "mutate": {"pool": "eliminate-1", "mutants": 2},
-    "fuse": {"pool": "eliminate-2"},
-    "evaluate": {"seeds": 1, "episodes": 32},
-    "iterations": [{"n": 1, "next": 2}, {"n": 2, "next": "result"}],
-    "rungs": [
-        {"rung": 1, "pool": "validate-code", "until": 1, "keep": 2},
-        {"rung": "mutants", "pool": "mutate", "until": 1, "keep": 2},
-        {"rung": 2, "pool": "eliminate-mutants", "until": 2, "keep": 1},
-    ],
-}
-"""The parameters of the size `smoke`, laid over those of a file: 160 epochs in all, where a default run has thousands."""
+SMOKE = Path(__file__).with_name("smoke.yaml")
+"""The parameters of the size `smoke`, laid over those of a file."""
 
 _FILM_S = 4.0
 
@@ -46,7 +32,7 @@ _FILM_S = 4.0
 def smoke(document: Mapping[str, Any]) -> dict[str, Any]:
     """Returns a parsed `params.yaml` at the size `smoke`: the values of `SMOKE` take the place of its own."""
     found = dict(document)
-    for key, value in SMOKE.items():
+    for key, value in read_yaml(SMOKE).items():
         own = found.get(key)
         found[key] = {**own, **value} if isinstance(own, Mapping) and isinstance(value, Mapping) else value
     return found
@@ -96,8 +82,8 @@ def demo(out: Path, path: Path, opens: bool) -> None:
         winner = policy_file(out / "run" / str(params.iterations[-1].next) / "start", BEST)
         _write_film(out / f"{params.task.replace(':', '.')}.gif", params.task, winner, params.train)
     page = out / "report.html"
-    # Its command line, as a user would give it.
-    report.main([str(out), "--out", str(page)], prog_name="porse report", standalone_mode=False)
+    page.write_text(render(page_of(read_results(out))), encoding="utf-8")
+    click.echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
         click.echo(f"{page}: opened")
 

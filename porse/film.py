@@ -9,11 +9,11 @@ import torch
 from PIL import Image
 
 from porse.errors import PorseError
-from porse.picture import Pixels, View, camera, first_simulation
+from porse.picture import HEIGHT, WIDTH, Pixels, View, camera, first_simulation
 from porse.tasks.base import Task
 from porse.training.actor import Actor
 
-WIDTH, HEIGHT, FRAMES_PER_SECOND = 480, 360, 25
+FRAMES_PER_SECOND = 25
 COLOURS = 128
 SEED = 0
 

@@ -27,8 +27,6 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
 
-WIDTH, HEIGHT = 480, 360
-
 
 class _Camera:
     """Draws a task's environments; set up when it is first used, and anew for another task."""
@@ -45,7 +43,7 @@ class _Camera:
     def draw(self, task: Task, index: int) -> Pixels:
         """Returns an environment as it is now, `(height, width, 3)`, 8-bit RGB."""
         # Imported here: without a picture, MuJoCo's renderer is not needed.
-        from porse.picture import camera
+        from porse.picture import HEIGHT, WIDTH, camera
 
         if self._take is None or self._of is not task:
             self.close()

@@ -15,6 +15,9 @@ from porse.tasks.base import Task
 
 Pixels = NDArray[np.uint8]
 
+WIDTH, HEIGHT = 480, 360
+"""Of a film's frames, and of gymnasium's."""
+
 View = tuple[tuple[float, float, float], float, float, float]
 
 _TABLE: View = ((0.16, 0.0, 0.66), 1.35, 28.0, -24.0)

@@ -178,6 +178,31 @@ def test_a_hostile_list_is_refused_and_changes_nothing(name, tmp_path):
     assert environment == (dict(os.environ), torch.get_num_threads(), torch.initial_seed())
 
 
+def nested(number, depth):
+    return [nested(number, depth - 1)] if depth else number
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda depth: held(constants=[["float32", nested(0.5, depth)]]),
+        lambda depth: step(("ones.default", [nested(2, depth)], {}, 1), SUM),
+        lambda depth: step(("ones.default", [[2]], {"dtype": nested(2, depth)}, 1), SUM),
+    ],
+    ids=["constant", "argument", "keyword"],
+)
+def test_lists_lie_six_deep_and_no_deeper(of):
+    read_program(canonical_json(of(6)))
+    with pytest.raises(CodeError, match="of little depth"):
+        read_program(canonical_json(of(7)))
+
+
+@pytest.mark.parametrize("number", [{"n": [1, 0]}, {"f": "inf", "n": [1, 0]}, "0.5", None])
+def test_a_constant_holds_numbers_alone(number):
+    with pytest.raises(CodeError):
+        read_program(canonical_json(held(constants=[["float32", [1.0, number, 3.0]]])))
+
+
 def test_a_mapping_is_no_reward():
     with pytest.raises(CodeError, match="the operator list of a mapping"):
         MappingFunction(canonical_json(held()), False)

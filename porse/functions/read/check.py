@@ -23,7 +23,7 @@ _PLAIN = (
     ast.Starred, ast.NamedExpr, ast.Subscript, ast.Nonlocal, ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop,
     ast.Call, ast.keyword, ast.arguments, ast.Import, ast.ImportFrom, ast.alias,
 )  # fmt: skip
-"""Nodes that may be there; some have a rule of their own in `_Walk`."""
+"""Nodes that may be there; some have a rule of their own in `_Visitor`."""
 _REASONS: dict[type[ast.AST], str] = {
     ast.While: "while loops are not allowed, since they may never end; use tensor operations or for over range",
     ast.ClassDef: "classes are not allowed",
@@ -51,7 +51,7 @@ def check_source(source: Source, variables: Collection[str]) -> None:
         if isinstance(argument, ast.arg) and argument.arg in required.difference(variables):
             raise _unknown_variable(argument.arg, variables, argument.lineno)
     for statement in source.tree.body:
-        _Walk(source, variables, statement).visit(statement)
+        _Visitor(source, variables, statement).visit(statement)
 
 
 def _refuse(message: str, node: ast.AST, check: Check = "static") -> NoReturn:
@@ -85,28 +85,8 @@ def _check_annotation(node: ast.expr | None) -> None:
             _refuse(f"{type(part).__name__} is not allowed in an annotation", part)
 
 
-def _check_constant(node: ast.Constant) -> None:
-    """Refuses odd and huge literals, devices, and texts that reach for the inside of objects when they are formatted."""
-    match node.value:
-        case bytes() | complex():
-            _refuse(f"a {type(node.value).__name__} constant is not allowed", node)
-        case int(number) if abs(number) > MAX_INTEGER:
-            _refuse(f"an integer constant is larger than {MAX_INTEGER}", node)
-        case str(text) if text.split(":")[0].strip().lower() in _DEVICES:
-            _refuse(
-                f"the device {text!r} is written into the code; use the device of an input, x.device", node, "device"
-            )
-        case str(text) if "__" in text and "{" in text:
-            _refuse("a text with __ inside braces is not allowed", node)
-
-
-def _check_path(path: str, node: ast.expr) -> None:
-    if offered(path) is None or is_module(offered(path)):
-        _refuse(f"{path} is not on the list of allowed functions", node)
-
-
-class _Walk:
-    """A walk over a constant or a function, those in it included, with a rule for each kind of node."""
+class _Visitor(ast.NodeVisitor):
+    """Walks a constant or a function, those in it included."""
 
     def __init__(self, source: Source, variables: Collection[str], statement: ast.stmt) -> None:
         self._source = source
@@ -120,63 +100,63 @@ class _Walk:
                 case ast.arg(name) | ast.Name(name, ast.Store()) | ast.FunctionDef(name) if name != "self":
                     self._local.add(name)
 
-    def visit(self, node: ast.AST) -> None:
+    def generic_visit(self, node: ast.AST) -> None:
         """Refuses what is not on the list, and goes on below what is."""
-        parts: Iterable[ast.AST | None] = ast.iter_child_nodes(node)
-        match node:
-            case ast.FunctionDef():
-                _check_identifier(node.name, node)
-                if node.decorator_list:
-                    _refuse("a function has a decorator; it needs none", node)
-                _check_annotation(node.returns)
-                parts = [node.args, *node.body]
-            case ast.arg():
-                _check_identifier(node.arg, node)
-                _check_annotation(node.annotation)
-                parts = []
-            case ast.AnnAssign():
-                _check_annotation(node.annotation)
-                parts = [node.target, node.value]
-            case ast.Expr():
-                parts = [] if isinstance(node.value, ast.Constant) else parts  # a docstring
-            case ast.With():
-                for item in node.items:
-                    path = self._path(getattr(item.context_expr, "func", item.context_expr))
-                    if path not in ("torch.no_grad", "torch.inference_mode") or item.optional_vars:
-                        _refuse("with is not allowed", node)
-                parts = node.body
-            case ast.Raise(ast.Call(ast.Name(name), given, []), None) if name in ERRORS:
-                parts = given
-            case ast.Constant():
-                _check_constant(node)
-            case ast.Name():
-                self._check_name(node)
-                parts = []
-            case ast.Attribute():
-                parts = self._checked_owner(node)
-            case ast.Call():
-                path = self._path(node.func)
-                if path in _RANDOM:
-                    _refuse(f"{path} is not allowed: there are no random draws", node)
-                if path == "torch.jit.annotate" and len(node.args) == 2 and not node.keywords:
-                    _check_annotation(node.args[0])
-                    parts = node.args[1:]
-            case ast.keyword():  # some would write somewhere, or have no meaning in a reward
-                if node.arg is None:
-                    _refuse("** in a call is not allowed", node)
-                if node.arg in _KEYWORDS or not node.arg.isascii():
-                    _refuse(f"the keyword {node.arg} is not allowed", node)
-            case _ if not isinstance(node, _PLAIN):
-                _refuse(_REASONS.get(type(node), f"{type(node).__name__} is not allowed"), node)
-        for part in parts:
-            if part is not None:
-                self.visit(part)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range":
-            numbers = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
-            if any(isinstance(number, int) and abs(number) > MAX_LOOP for number in numbers):
-                _refuse(f"a loop of more than {MAX_LOOP} rounds is not allowed", node)
+        if not isinstance(node, _PLAIN):
+            _refuse(_REASONS.get(type(node), f"{type(node).__name__} is not allowed"), node)
+        super().generic_visit(node)
 
-    def _check_name(self, node: ast.Name) -> None:
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        _check_identifier(node.name, node)
+        if node.decorator_list:
+            _refuse("a function has a decorator; it needs none", node)
+        _check_annotation(node.returns)
+        for part in [node.args, *node.body]:
+            self.visit(part)
+
+    def visit_arg(self, node: ast.arg) -> None:
+        _check_identifier(node.arg, node)
+        _check_annotation(node.annotation)
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):  # a docstring
+            self.visit(node.value)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        _check_annotation(node.annotation)
+        for part in filter(None, (node.target, node.value)):
+            self.visit(part)
+
+    def visit_With(self, node: ast.With) -> None:
+        for item in node.items:
+            path = self._path(getattr(item.context_expr, "func", item.context_expr))
+            if path not in ("torch.no_grad", "torch.inference_mode") or item.optional_vars:
+                _refuse("with is not allowed", node)
+        for statement in node.body:
+            self.visit(statement)
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        match node:
+            case ast.Raise(ast.Call(ast.Name(name), given, []), None) if name in ERRORS:
+                for part in given:
+                    self.visit(part)
+            case _:
+                _refuse(_REASONS[ast.Raise], node)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        """Refuses odd and huge literals, devices, and texts that reach for the inside of objects when they are formatted."""
+        match node.value:
+            case bytes() | complex():
+                _refuse(f"a {type(node.value).__name__} constant is not allowed", node)
+            case int(number) if abs(number) > MAX_INTEGER:
+                _refuse(f"an integer constant is larger than {MAX_INTEGER}", node)
+            case str(text) if text.split(":")[0].strip().lower() in _DEVICES:
+                message = f"the device {text!r} is written into the code; use the device of an input, x.device"
+                _refuse(message, node, "device")
+            case str(text) if "__" in text and "{" in text:
+                _refuse("a text with __ inside braces is not allowed", node)
+
+    def visit_Name(self, node: ast.Name) -> None:
         name, is_read = node.id, isinstance(node.ctx, ast.Load)
         path = self._source.modules.get(name, "")
         if name == "self" and not isinstance(node.ctx, ast.Store):
@@ -189,27 +169,53 @@ class _Walk:
         elif is_module(offered(path)):
             _refuse(f"the module {name} stands alone; name a function of it", node)
         elif path:
-            _check_path(path, node)
+            self._check_path(path, node)
         elif name not in {*self._variables, *BUILTINS, *HELPERS_IN_SCOPE, "getattr", *self._classes}:
             near = _nearest(name, {*self._variables, *self._local, *BUILTINS, *HELPERS})
             hint = f"; the nearest known names are {near}" if near else ""
             _refuse(f"the name {name} is not defined and not allowed{hint}", node, "variable")
 
-    def _checked_owner(self, node: ast.Attribute) -> list[ast.AST]:
-        """Returns what an attribute is read of, where that is still to be visited."""
-        is_own = isinstance(node.value, ast.Name) and node.value.id == "self"
+    def _check_path(self, path: str, node: ast.expr) -> None:
+        if offered(path) is None or is_module(offered(path)):
+            _refuse(f"{path} is not on the list of allowed functions", node)
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
         if not isinstance(node.ctx, ast.Load):
             _refuse(f"the attribute .{node.attr} cannot be assigned", node)
-        if is_own and self._has_self and node.attr not in {*self._variables, *self._own, *HELPERS_IN_SCOPE}:
-            raise _unknown_variable(node.attr, self._variables, node.lineno)
-        if not is_own and (path := self._path(node)):
-            _check_path(path, node)
-            return []
-        if not is_own and node.attr in ("cuda", "cpu"):
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            self.visit(node.value)
+            if node.attr not in {*self._variables, *self._own, *HELPERS_IN_SCOPE}:
+                raise _unknown_variable(node.attr, self._variables, node.lineno)
+        elif path := self._path(node):
+            self._check_path(path, node)
+        elif node.attr in ("cuda", "cpu"):
             _refuse(f".{node.attr}() is not allowed: keep tensors on the inputs' device", node, "device")
-        if not is_own and node.attr not in {*ATTRIBUTES, *METHODS, *self._own}:
+        elif node.attr not in {*ATTRIBUTES, *METHODS, *self._own}:
             _refuse(f"the attribute .{node.attr} is not on the list of allowed methods", node)
-        return [node.value]
+        else:
+            self.visit(node.value)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        path = self._path(node.func)
+        if path in _RANDOM:
+            _refuse(f"{path} is not allowed: there are no random draws", node)
+        if path == "torch.jit.annotate" and len(node.args) == 2 and not node.keywords:
+            _check_annotation(node.args[0])
+            self.visit(node.args[1])
+            return
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id == "range":
+            for part in ast.walk(node):
+                if isinstance(part, ast.Constant) and isinstance(part.value, int) and abs(part.value) > MAX_LOOP:
+                    _refuse(f"a loop of more than {MAX_LOOP} rounds is not allowed", node)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        """Refuses keywords that would write somewhere, or that have no meaning in a reward."""
+        if node.arg is None:
+            _refuse("** in a call is not allowed", node)
+        if node.arg in _KEYWORDS or not node.arg.isascii():
+            _refuse(f"the keyword {node.arg} is not allowed", node)
+        self.visit(node.value)
 
     def _path(self, node: ast.expr) -> str:
         """Returns the dotted path of an attribute chain that starts at a module's name, "" for anything else."""

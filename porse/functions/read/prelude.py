@@ -7,7 +7,6 @@ accepted, and no prompt advertises them. Those that draw random numbers are left
 
 import math
 from collections.abc import Callable
-from types import FunctionType
 from typing import Any
 
 import torch
@@ -68,16 +67,28 @@ def normalize(x: Tensor, eps: float = 1e-09) -> Tensor:
     return x / torch.clamp(torch.linalg.vector_norm(x, 2, [-1], True), min=eps)
 
 
-def _axis(q: Tensor, axis: int) -> Tensor:
+def quat_unit(a: Tensor) -> Tensor:
+    """Returns the quaternion of norm 1."""
+    return normalize(a)
+
+
+def quat_axis(q: Tensor, axis: int = 0) -> Tensor:
+    """Returns a coordinate axis, rotated."""
     basis = torch.zeros_like(q[..., 0:3])
     basis[..., axis] = 1.0
-    return basis
+    return quat_rotate(q, basis)
+
+
+def quat_diff_rad(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the angle between two rotations."""
+    vector = quat_mul(a, quat_conjugate(b))[..., 0:3]
+    return 2.0 * torch.asin(torch.clamp(torch.linalg.vector_norm(vector, 2, [-1]), max=1.0))
 
 
 def quat_from_angle_axis(angle: Tensor, axis: Tensor) -> Tensor:
     """Returns the rotation by an angle about an axis of any length."""
     half = (angle / 2.0).unsqueeze(-1)
-    return normalize(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
+    return quat_unit(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
 
 
 def quat_to_angle_axis(q: Tensor) -> tuple[Tensor, Tensor]:
@@ -86,7 +97,7 @@ def quat_to_angle_axis(q: Tensor) -> tuple[Tensor, Tensor]:
     sine = torch.sqrt(1.0 - w * w)
     turns = torch.abs(sine) > 1e-5
     angle = torch.where(turns, normalize_angle(2.0 * torch.acos(w)), torch.zeros_like(w))
-    return angle, torch.where(turns.unsqueeze(-1), q[..., 0:3] / sine.unsqueeze(-1), _axis(q, 2))
+    return angle, torch.where(turns.unsqueeze(-1), q[..., 0:3] / sine.unsqueeze(-1), _upward(q))
 
 
 def quat_from_euler_xyz(roll: Tensor, pitch: Tensor, yaw: Tensor) -> Tensor:
@@ -129,10 +140,99 @@ def slerp(q0: Tensor, q1: Tensor, t: Tensor) -> Tensor:
     return torch.where(torch.abs(cosine) >= 1.0, q0, between)
 
 
+def tf_inverse(q: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns the inverse of a frame, given as rotation and position."""
+    inverse = quat_conjugate(q)
+    return inverse, -quat_apply(inverse, t)
+
+
+def tf_apply(q: Tensor, t: Tensor, v: Tensor) -> Tensor:
+    """Returns a point of a frame in the outer one."""
+    return quat_apply(q, v) + t
+
+
+def tf_vector(q: Tensor, v: Tensor) -> Tensor:
+    """Returns a direction of a frame in the outer one."""
+    return quat_apply(q, v)
+
+
+def tf_combine(q1: Tensor, t1: Tensor, q2: Tensor, t2: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns the second frame, which lies in the first, in the outer one."""
+    return quat_mul(q1, q2), quat_apply(q1, t2) + t1
+
+
+def get_basis_vector(q: Tensor, v: Tensor) -> Tensor:
+    """Returns the vector, rotated."""
+    return quat_rotate(q, v)
+
+
+def get_axis_params(value: float, axis_idx: int, x_value: float = 0.0, n_dims: int = 3) -> list[float]:
+    """Returns numbers that are 0 but for one, and the first."""
+    found = [value if place == axis_idx else 0.0 for place in range(n_dims)]
+    return [x_value, *found[1:]]
+
+
+def to_torch(x: Any, dtype: torch.dtype = torch.float32, device: Any = None, requires_grad: bool = False) -> Tensor:
+    """Returns numbers as a tensor, on the device of the variables."""
+    return torch.tensor(x, dtype=dtype)
+
+
+def scale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
+    """Returns what lies in [-1, 1], stretched to [lower, upper]."""
+    return (0.5 * (x + 1.0) * (upper - lower)) + lower
+
+
+def unscale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
+    """Returns what lies in [lower, upper], brought to [-1, 1]."""
+    return (2.0 * x - upper - lower) / (upper - lower)
+
+
+def scale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
+    """Returns what lies in [lower, upper], brought to [-1, 1]: the other way from `scale`."""
+    return 2.0 * (x - (lower + upper) * 0.5) / (upper - lower)
+
+
+def unscale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
+    """Returns what lies in [-1, 1], stretched to [lower, upper]: the other way from `unscale`."""
+    return x * (upper - lower) * 0.5 + (lower + upper) * 0.5
+
+
+def tensor_clamp(t: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Returns the tensor between two others."""
+    return torch.maximum(torch.minimum(t, high), low)
+
+
+def local_to_world_space(pos_offset_local: Tensor, pose_global: Tensor) -> Tensor:
+    """Returns a point in the frame of a pose `(..., 7)` in the world's."""
+    return quat_apply(pose_global[..., 3:7], pos_offset_local) + pose_global[..., 0:3]
+
+
+def normalise_quat_in_pose(pose: Tensor) -> Tensor:
+    """Returns the pose with a quaternion of norm 1."""
+    turn = pose[..., 3:7]
+    return torch.cat([pose[..., 0:3], turn / torch.linalg.vector_norm(turn, 2, [-1], True)], -1)
+
+
 def calc_heading(q: Tensor) -> Tensor:
     """Returns the angle of the rotated x axis in the horizontal plane."""
-    ahead = quat_rotate(q, _axis(q, 0))
+    ahead = quat_axis(q, 0)
     return torch.atan2(ahead[..., 1], ahead[..., 0])
+
+
+def calc_heading_quat(q: Tensor) -> Tensor:
+    """Returns the rotation about z by that angle."""
+    return quat_from_angle_axis(calc_heading(q), _upward(q))
+
+
+def calc_heading_quat_inv(q: Tensor) -> Tensor:
+    """Returns its inverse."""
+    return quat_from_angle_axis(-calc_heading(q), _upward(q))
+
+
+def _upward(q: Tensor) -> Tensor:
+    axis = torch.zeros_like(q[..., 0:3])
+    axis[..., 2] = 1.0
+    return axis
 
 
 def compute_heading_and_up(
@@ -140,7 +240,7 @@ def compute_heading_and_up(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Returns a torso's turn, how far it is up and heads to its target, and its up and forward axes."""
     turn = quat_mul(torso_rotation, inv_start_rot)
-    up, ahead = quat_rotate(turn, vec1), quat_rotate(turn, vec0)
+    up, ahead = get_basis_vector(turn, vec1), get_basis_vector(turn, vec0)
     return turn, up[..., up_idx], torch.sum(ahead * normalize(to_target), -1), up, ahead
 
 
@@ -158,48 +258,15 @@ def compute_rot(
     return (*own, roll, pitch, yaw, bearing - yaw)
 
 
-_FORMULAS: dict[str, Callable[..., Any]] = {
-    # The rotation about z by that angle, and back.
-    "calc_heading_quat": lambda q: quat_from_angle_axis(calc_heading(q), _axis(q, 2)),
-    "calc_heading_quat_inv": lambda q: quat_from_angle_axis(-calc_heading(q), _axis(q, 2)),
-    # Numbers that are 0 but for one, and the first.
-    "get_axis_params": lambda value, axis_idx, x_value=0.0, n_dims=3: [
-        x_value, *(value if place == axis_idx else 0.0 for place in range(1, n_dims)),
-    ],
-    # A point in the frame of a pose (..., 7), in the world's.
-    "local_to_world_space": lambda pos_offset_local, pose_global: (
-        quat_apply(pose_global[..., 3:7], pos_offset_local) + pose_global[..., 0:3]
-    ),
-    # A pose with a quaternion of norm 1.
-    "normalise_quat_in_pose": lambda pose: torch.cat([pose[..., 0:3], normalize(pose[..., 3:7])], -1),
-    # A coordinate axis, rotated.
-    "quat_axis": lambda q, axis=0: quat_rotate(q, _axis(q, axis)),
-    # A tensor between two others.
-    "tensor_clamp": lambda t, low, high: torch.maximum(torch.minimum(t, high), low),
-    # What lies in [-1, 1], stretched to [lower, upper], and what lies there, brought to [-1, 1].
-    "scale": lambda x, lower, upper: (0.5 * (x + 1.0) * (upper - lower)) + lower,
-    "unscale": lambda x, lower, upper: (2.0 * x - upper - lower) / (upper - lower),
-    # Of a frame q, t: a point, a direction and another frame of it in the outer one, and its inverse.
-    "tf_apply": lambda q, t, v: quat_apply(q, v) + t,
-    "tf_vector": lambda q, v: quat_apply(q, v),
-    "tf_inverse": lambda q, t: (quat_conjugate(q), -quat_apply(quat_conjugate(q), t)),
-    "tf_combine": lambda q1, t1, q2, t2: (quat_mul(q1, q2), quat_apply(q1, t2) + t1),
-    # The angle between two rotations.
-    "quat_diff_rad": lambda a, b: 2.0 * torch.asin(
-        torch.clamp(torch.linalg.vector_norm(quat_mul(a, quat_conjugate(b))[..., 0:3], 2, [-1]), max=1.0)
-    ),
-    "quat_unit": lambda a: normalize(a),
-    # Numbers as a tensor, on the device of the variables.
-    "to_torch": lambda x, dtype=torch.float32, device=None, requires_grad=False: torch.tensor(x, dtype=dtype),
-}  # fmt: skip
-"""Helpers that are one formula."""
-_AGAIN = {
-    "get_basis_vector": "quat_rotate", "my_quat_rotate": "quat_rotate", "saturate": "tensor_clamp",
-    "scale_transform": "unscale", "unscale_transform": "scale",
-}  # fmt: skip
-"""What the originals write twice, under another name."""
-HELPERS_IN_SCOPE = _FORMULAS | {
-    name: found for name, found in globals().items() if isinstance(found, FunctionType) and not name.startswith("_")
+_FUNCTIONS = (
+    dist, rot_dist, quat_conjugate, quat_mul, quat_apply, quat_rotate, quat_rotate_inverse, normalize, quat_unit, quat_axis,
+    quat_diff_rad, quat_from_angle_axis, quat_to_angle_axis, quat_from_euler_xyz, get_euler_xyz, normalize_angle, copysign,
+    slerp, tf_inverse, tf_apply, tf_vector, tf_combine, get_basis_vector, get_axis_params, to_torch, scale, unscale,
+    scale_transform, unscale_transform, tensor_clamp, local_to_world_space, normalise_quat_in_pose, calc_heading,
+    calc_heading_quat, calc_heading_quat_inv, compute_heading_and_up, compute_rot,
+)  # fmt: skip
+HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {function.__name__: function for function in _FUNCTIONS} | {
+    "my_quat_rotate": quat_rotate,
+    "saturate": tensor_clamp,
 }
 """Functions in scope by name."""
-HELPERS_IN_SCOPE |= {name: HELPERS_IN_SCOPE[known] for name, known in _AGAIN.items()}

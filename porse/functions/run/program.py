@@ -23,6 +23,8 @@ MAX_TEXT = 1_000_000
 MAX_STEPS = 4_000
 MAX_CONSTANTS = 20_000
 """Numbers in all constants together."""
+MAX_DEPTH = 6
+"""Lists within an argument, or within a constant."""
 MAX_WHOLE = 10_000_000
 """Largest whole number that is written in a list."""
 _NO_END = 2**63 - 1
@@ -198,6 +200,7 @@ def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any
     """Returns the list that the parts of a JSON object hold, all of whose registers are there when they are read."""
     count = sum(1 for _ in leaves([values for _, values in constants]))
     _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
+    _expect(_depth([values for _, values in constants]) <= MAX_DEPTH + 1, "constants of little depth", "deeper ones")
     _expect(len(steps) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(steps))
     _expect(kind in ("reward", "mapping"), "a reward or a mapping", kind)
     program = Program(
@@ -227,9 +230,15 @@ def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any
 
 def _step(operator: Any, arguments: Any, keywords: Any, makes: Any) -> Step:
     _expect(keywords.keys() <= _KEYWORDS, "known keywords", f"{sorted(keywords)} in {operator}")
+    _expect(_depth([arguments, [*keywords.values()]]) <= MAX_DEPTH + 2, "arguments of little depth", "deeper ones")
     given = tuple((name, mapped(value, _argument)) for name, value in sorted(keywords.items()))
     _expect(not [*registers([value for _, value in given])], "keywords without registers", operator)
     return Step(_word(operator), mapped(arguments, _argument), given, _whole(makes, 1, 1000))
+
+
+def _depth(held: Any) -> int:
+    """Returns how deep lists lie in one another; 0 for what is no list."""
+    return 1 + max(map(_depth, held), default=0) if isinstance(held, list) else 0
 
 
 def _argument(held: Any) -> Any:
@@ -247,7 +256,10 @@ def _argument(held: Any) -> Any:
 
 def _number(held: Any) -> Any:
     """Returns a number of a constant; torch refuses what is none, or is too large."""
-    return _TAGGED["f"](held["f"]) if isinstance(held, dict) else held
+    if not isinstance(held, dict):
+        return held
+    _expect(held.keys() == {"f"}, "numbers in its constants", sorted(held))
+    return _TAGGED["f"](held["f"])
 
 
 def _whole(value: Any, least: int = -MAX_WHOLE, most: int = MAX_WHOLE) -> int:
