@@ -28,8 +28,9 @@ proof: setup
 	$(BIN)/porse repro --force --no-run-cache
 	git diff --exit-code dvc.lock iterations metrics.json
 
+# A file at a time to each core: many files share one small run between their tests.
 test: setup
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 # The long suite: minutes to an hour.
 test-slow: setup
