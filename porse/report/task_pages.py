@@ -60,8 +60,10 @@ COMMON = """## What holds for all
   Both are of the last physics step, and zero when an episode starts.
 - Start noise that would leave a joint's range is cut off at the range.
 - Some originals start an object inside the table, and the solver pushes it out. Ours start it on the table.
-- Contacts have an elliptic friction cone, and conjugate gradients solve them. With MuJoCo's defaults, fingers pressed between
-  two bodies sometimes shot away. An object's friction is the mean of the original's pair, as PhysX combines them.
+- Contacts have an elliptic friction cone, and Newton's method with dense matrices solves them. With sparse ones, MuJoCo's own
+  choice, it sometimes does not converge, and fingers pressed between two bodies shoot away. An object's friction is the mean of
+  the original's pair, as PhysX combines them.
+- Weights of objects act as outer forces at their centres of mass, and gravity is off, since the hands are weightless.
 - A forearm is held off from the other hand 6 mm before they touch: two hands under full force close by 4.6 mm in one physics
   step.
 - The joint springs that the originals set on doors, pen and bottle are off, as their drive mode says. Hinges and slides have a
