@@ -1,32 +1,132 @@
+"""What the table of learning says, with numbers worked out by hand; and the committed one is of the suite's runs."""
+
 import csv
 import json
 import shutil
+from pathlib import Path
 
+import pytest
+import torch
+import yaml
 from click.testing import CliRunner
 
 from porse import tables
-from porse.report.learning import COLUMNS, main
+from porse.report.calibration import random_actions, zero_actions
+from porse.report.learning import COLUMNS, Learned, learned, learning_row, main, published_return, trivial_fitness
+from porse.task_names import TASK_CLASSES, TASK_TAGS
+from tiny import committed_params
+
+ROOT = Path(__file__).parents[1]
+TABLE = ROOT / "docs" / "learning.csv"
 
 
-def test_first_and_last_epochs_of_every_finished_run_are_compared(root, tmp_path):
-    for entry, fitness in (("a", [0.0] * 10 + [9.0] + [2.0] * 9 + [4.0]), ("b", [1.0]), ("unfinished", [])):
-        folder = tmp_path / "results" / entry
-        (folder / "results").mkdir(parents=True)
-        shutil.copy(root / "params.yaml", folder)
-        metrics = {"epochs_spent": len(fitness), "environment_steps": 4096 * len(fitness), "mts": 9.0}
-        (folder / "metrics.json").write_text(json.dumps(metrics))
-        rows = [
-            {"iteration": 1, "rung": "1", "candidate_id": "x", "series": "fitness", "epoch": epoch, "value": value}
-            for epoch, value in enumerate(fitness, 1)
-        ]
-        tables.write(folder / "results" / "curves.parquet", tables.CURVES, rows)
-        if fitness:
-            (folder / "done.json").write_text("{}")
-    done = CliRunner().invoke(main, [str(tmp_path / "results"), str(tmp_path / "out.csv")], catch_exceptions=False)
+def written(folder: Path, task: str, seed: int, fitness: list[float], steps: int, final: float) -> Path:
+    """A finished run whose goal reward is 0.5 a step and whose episodes last 30 steps, but for the first of them."""
+    folder.mkdir(parents=True)
+    document = {**committed_params(), "task": task, "seed": seed}
+    (folder / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    metrics = {"environment_steps": steps, "mts": max(fitness), "final_success": {"mean": final}}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    series = {"fitness": fitness, "goal": [9.0, *[0.5] * 11], "episode_length": [7.0, *[30.0] * 11]}
+    rows = [
+        {"iteration": 1, "rung": "1", "candidate_id": "x", "series": name, "epoch": epoch, "value": value}
+        for name, values in series.items()
+        for epoch, value in enumerate(values, 1)
+    ]
+    tables.write(folder / "results" / "curves.parquet", tables.CURVES, rows)
+    (folder / "done.json").write_text("{}")
+    return folder
+
+
+def test_a_run_is_its_first_and_last_ten_epochs_and_the_return_of_the_last(tmp_path: Path) -> None:
+    # 1 to 12: the first ten have mean 5.5, the last ten 7.5; 0.5 a step for 30 steps is 15.
+    run = learned(written(tmp_path / "a", "Over", 1, [float(n) for n in range(1, 13)], 480, 0.75))
+    assert run == Learned("Over", 480, 5.5, 7.5, 12.0, 0.75, 15.0)
+
+
+def run_of(task: str, end: float, returned: float = 0.0, steps: int = 480) -> Learned:
+    return Learned(task, steps, 0.01, end, end + 0.02, end + 0.03, returned)
+
+
+@pytest.mark.parametrize(
+    ("task", "end", "zero", "random", "holds"),
+    [
+        # A tenth of the way from 0.2 to 1 is 0.28.
+        ("Over", 0.29, 0.2, 0.1, "yes"),
+        ("Over", 0.27, 0.2, 0.1, "no"),
+        ("Over", 0.27, 0.1, 0.2, "no"),
+        # From -2 to 0: -1.8.
+        ("Anymal", -1.79, -2.5, -2.0, "yes"),
+        ("Anymal", -1.81, -2.5, -2.0, "no"),
+        # From 0.235 to 7.235: 0.935.
+        ("Humanoid", 0.94, 0.0, 0.235, "yes"),
+        ("Humanoid", 0.93, 0.235, 0.0, "no"),
+    ],
+)
+def test_a_task_learns_that_ends_a_tenth_of_the_way_above_the_better_policy_that_knows_nothing(
+    task: str, end: float, zero: float, random: float, holds: str
+) -> None:
+    assert learning_row([run_of(task, end)], zero, random)["holds"] == holds
+
+
+def test_a_row_is_the_mean_over_the_seeds_with_the_lowest_end() -> None:
+    row = learning_row([run_of("Scissors", 0.5, 4.0), run_of("Scissors", 0.2, 7.0)], 0.125, 0.25)
+    assert row == {
+        "task": "Scissors", "seeds": 2, "steps": 480, "start": "0.01", "zero_action": "0.125", "random": "0.25",
+        "end": "0.35", "paper": "0.996", "holds": "yes", "lowest": "0.2", "mts": "0.37", "final": "0.38",
+        "return": "5.5", "published_return": "", "published_std": "", "return_holds": "",
+    }  # fmt: skip
+
+
+def test_a_return_is_compared_on_a_straight_line_between_two_published_points() -> None:
+    # Over: 1.115 after 117 965 steps, 6.27 after 4 476 110; a quarter of the way is 2.40375.
+    quarter = 117_965 + (4_476_110 - 117_965) // 4
+    found = published_return("Over", quarter)
+    assert found is not None
+    assert found[0] == pytest.approx(1.115 + (6.27 - 1.115) / 4, abs=1e-5)
+    assert learning_row([run_of("Over", 0.5, 2.41, quarter)], 0.0, 0.0)["return_holds"] == "yes"
+    assert learning_row([run_of("Over", 0.5, 2.40, quarter)], 0.0, 0.0)["return_holds"] == "no"
+    assert published_return("Over", 1_000) is None
+    assert published_return("Scissors", quarter) is None
+
+
+def test_what_a_policy_that_knows_nothing_is_worth_is_the_mean_over_whole_episodes() -> None:
+    torch.set_num_threads(1)
+    # Without thrust the quadcopter falls: far from its target, and random thrust is no better by much.
+    assert trivial_fitness("Quadcopter", zero_actions) < -0.9
+    assert trivial_fitness("Quadcopter", zero_actions) != trivial_fitness("Quadcopter", random_actions)
+
+
+def test_the_command_writes_a_row_for_each_task_with_finished_runs(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    for seed, end in ((1, -0.5), (2, -0.3)):
+        written(results / f"q{seed}", "Quadcopter", seed, [-1.5] * 2 + [end] * 10, 4096, end)
+    (written(results / "unfinished", "Anymal", 1, [0.0] * 12, 1, 0.0) / "done.json").unlink()
+    done = CliRunner().invoke(main, [str(results), str(tmp_path / "out.csv")], catch_exceptions=False)
     assert done.exit_code == 0
     rows = list(csv.DictReader((tmp_path / "out.csv").read_text().splitlines()))
-    assert [tuple(row) for row in rows] == [COLUMNS, COLUMNS]
-    # The last ten are nine times 2 and once 4: 22 / 10.
-    assert (rows[0]["first"], rows[0]["last"], rows[0]["mts"]) == ("0.0", "2.2", "9.0")
-    assert (rows[0]["epochs"], rows[0]["environment_steps"]) == ("21", str(21 * 4096))
-    assert (rows[1]["first"], rows[1]["last"]) == ("1.0", "1.0")
+    assert [tuple(row) for row in rows] == [COLUMNS]
+    assert [rows[0][name] for name in ("task", "seeds", "steps", "end", "lowest", "final", "paper", "holds")] == [
+        "Quadcopter", "2", "4096", "-0.4", "-0.5", "-0.4", "-0.067", "yes",
+    ]  # fmt: skip
+    shutil.rmtree(results)
+
+
+def test_the_suite_has_every_task_and_the_table_no_other_runs() -> None:
+    suite = yaml.safe_load((ROOT / "suites" / "learning.yaml").read_text())
+    assert sorted(suite["tasks"]) == sorted(TASK_CLASSES)
+    seeds = {task: len(suite["seeds"]) for task in suite["tasks"]}
+    for entry in suite["entries"]:
+        seeds[entry["task"]] += 1
+    assert sorted(seeds.values())[-7:] == [1, *[3] * 6]
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["task"]: int(row["seeds"]) for row in rows} == {row["task"]: seeds[row["task"]] for row in rows}
+
+
+def test_easy_is_what_learns_and_hard_what_does_not() -> None:
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = {row["task"]: row["holds"] for row in csv.DictReader(file)}
+    for task, holds in rows.items():
+        assert ("easy" in TASK_TAGS[task]) == (holds == "yes"), task
+        assert ("hard" in TASK_TAGS[task]) == (holds == "no"), task

@@ -5,7 +5,6 @@ import json
 from types import SimpleNamespace
 
 import pytest
-import yaml
 
 from meaning_cases import changed, named, row_of
 from porse import tables
@@ -23,7 +22,6 @@ from porse.report.figures import (
     human_normalised_score,
     task_scores,
 )
-from porse.report.learning import learning_row
 from porse.report.markdown import results_table
 from porse.report.run import Evaluation, Run
 from porse.report.summary import iteration_rows, metrics, write_summary
@@ -296,21 +294,6 @@ def test_the_table_for_people_counts_iterations_and_does_not_spell_them():
         "",
         "Final success in 64 episodes, with its 95 % interval: **0.750 (0.500 to 0.875)**",
     ]
-
-
-def test_learning_compares_the_means_of_the_first_and_the_last_ten_epochs(tmp_path):
-    document = {**committed_params(), "task": "Over"}
-    (tmp_path / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
-    (tmp_path / "metrics.json").write_text(
-        json.dumps({"epochs_spent": 12, "environment_steps": 480, "mts": 12.34567, "hns": None})
-    )
-    rows = [*curve(1, "1", "a", [float(n) for n in range(1, 13)]), *curve(1, "1", "a", [0.0] * 12, series="goal")]
-    tables.write(tmp_path / "results" / "curves.parquet", tables.CURVES, rows)
-    # 1 to 10: 5.5; 3 to 12: 7.5
-    expected = {
-        "task": "Over", "epochs": 12, "environment_steps": 480, "first": 5.5, "last": 7.5, "mts": 12.3457,
-    }  # fmt: skip
-    assert part(learning_row(tmp_path), expected) == expected
 
 
 # Methods and ablations: what each changes, in full.

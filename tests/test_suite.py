@@ -20,6 +20,7 @@ from porse.cli import main
 from porse.config import parse_params
 from porse.errors import ParamsError, PorseError
 from porse.identity import canonical_json
+from porse.pool import BEST, policy_file
 from porse.search.schedule import total_epochs
 from porse.suite.folders import folders_of, is_locked, locked, write_json
 from porse.suite.plan import load_suite, parse_suite
@@ -481,6 +482,7 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
     assert yaml.safe_load((result / "params.yaml").read_text())["generator"] == "grammar"
     assert yaml.safe_load((result / "dvc.lock").read_text())["stages"]["summarise"]
     assert (result / "results" / "curves.parquet").is_file()
+    assert policy_file(result / "run" / "result" / "start", BEST).is_file()
     failed = json.loads((folders.result("Quadcopter-eureka-1") / "failed.json").read_text())
     assert any("Expected a recorded reply in llm_cache" in line for line in failed["last_lines"])
 

@@ -108,6 +108,9 @@ def _run_entry(
         (result / kept).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(folders.work / kept, result / kept)
     shutil.copytree(folders.work / "results", result / "results")
+    # The policy that the run ended with, for `porse play` and `porse export`.
+    end = Path("run", str(resolved.params["iterations"][-1]["next"]), "start")
+    shutil.copytree(folders.work / end, result / end)
     write_json(result / "done.json", resolved.ids)
     return True
 

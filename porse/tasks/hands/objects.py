@@ -100,11 +100,14 @@ def add_rod(
 def add_tub(
     body: mujoco.MjsBody, name: str, low: Vector, high: Vector, wall: float, up: int, mass: float, friction: float = 1.0
 ) -> None:
-    """Adds an open box: a bottom and four walls, open toward the positive end of axis `up`; it meets other objects."""
+    """Adds an open box: a bottom and four walls on it, open toward the positive end of axis `up`; it meets other objects."""
     sides = [axis for axis in range(3) if axis != up]
     for axis in (*sides, up):
         for end in ("low", "high") if axis != up else ("low",):
             corner_a, corner_b = list(low), list(high)
+            if axis != up:
+                # On the bottom, not beside it: a tub that stands has one box on its table, not five.
+                corner_a[up] += wall
             if end == "low":
                 corner_b[axis] = low[axis] + wall
             else:

@@ -25,6 +25,9 @@ HAND_JOINTS = len(shadow.JOINTS)
 PALM = shadow.BODIES.index("palm")
 DISTAL = [shadow.BODIES.index(f"{finger}distal") for finger in shadow.FINGERS]
 
+_GRAVITY = 9.81
+"""Acceleration (m/s2) of free fall."""
+
 _LINEAR_GAIN = 1e5
 _ANGULAR_GAIN = 1e3
 
@@ -97,11 +100,15 @@ class TwoHandTask(SuccessTask):
         spec.modelname = cls.NAME
         spec.compiler.degree = False
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        # Measured over 10 000 random steps a task: with MuJoCo's defaults (pyramidal cone, Newton) fingers pressed hard
-        # between two bodies shoot away at 1 000 rad/s a few times; with these two options never.
+        # Hands are weightless, and what is not gets its weight as an outer force (`_start`): gravity that a body is spared
+        # costs a Jacobian in every step, and would be in the forces that are measured.
+        spec.option.gravity = [0.0, 0.0, 0.0]
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        spec.option.solver = mujoco.mjtSolver.mjSOL_CG
-        spec.option.iterations = 200
+        # Newton is there after two to five iterations, and its dense matrices are small, one for each hand and what it
+        # touches. With sparse ones, MuJoCo's own choice from 60 degrees of freedom on, it now and then does not converge at
+        # all, and a finger between two bodies shoots away at hundreds of rad/s.
+        spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.worldbody.add_light(name="light", pos=[1, 0, 3], dir=[-0.3, 0, -1])
         spec.worldbody.add_geom(
             name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[3, 3, 0.1], rgba=[0.7, 0.7, 0.7, 1]
@@ -148,6 +155,9 @@ class TwoHandTask(SuccessTask):
         self._physics.kept = torch.tensor(
             [self._kept_share if _is_of_a_hand(model, dof) else 1.0 for dof in range(model.nv)], dtype=torch.float64
         )
+        heavy = [body for body in range(1, model.nbody) if _has_weight(model, body)]
+        self._heavy = torch.tensor(heavy, dtype=torch.int64)
+        self._weights = torch.tensor([float(model.body_mass[body]) * _GRAVITY for body in heavy], dtype=torch.float64)
         self._forearms = torch.tensor([model.body(f"{side}/forearm").id for side in sides])
         sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
         starts = [int(model.sensor(name).adr[0]) for name in sensors]
@@ -164,6 +174,7 @@ class TwoHandTask(SuccessTask):
         # The original's noise leaves the joint ranges, and its contact solver pushes the joints back at once.
         angles = (self._default_joints() + noise).clamp(self._lower, self._upper).double()
         physics = self._physics
+        physics.force[ids.unsqueeze(-1), self._heavy, 2] = -self._weights
         physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.repeat(1, 2)
         physics.ctrl[ids.unsqueeze(-1), self._control_index] = angles[:, self._driven].repeat(1, 2)
         self._place(ids)
@@ -235,3 +246,10 @@ class TwoHandTask(SuccessTask):
 def _is_of_a_hand(model: mujoco.MjModel, dof: int) -> bool:
     """Returns whether a degree of freedom is one of the hands' own."""
     return model.joint(int(model.dof_jntid[dof])).name.split("/")[0] in ("right", "left")
+
+
+def _has_weight(model: mujoco.MjModel, body: int) -> bool:
+    """Returns whether gravity acts on a body: on every one that moves, is no part of a hand and is not spared it."""
+    part_of_a_hand = model.body(body).name.split("/")[0] in ("right", "left")
+    moves, spared = model.body_weldid[body] != 0, model.body_gravcomp[body] == 1.0
+    return bool(moves and not part_of_a_hand and not spared)
