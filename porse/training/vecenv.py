@@ -54,10 +54,20 @@ class TaskEnv(VecEnv):
         return observation_groups(self.task.observations())
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
-        """Moves all environments by one control step.
+        """Moves all environments by one control step, as rsl_rl's own runner has it; see `move`.
 
         Returns:
             Observations after resets, no reward yet, zeros (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
+        """
+        observations, ends, timed_out = self.move(actions)
+        return observation_groups(observations), torch.zeros(self.num_envs), ends, {"time_outs": timed_out.float()}
+
+    def move(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Moves all environments by one control step.
+
+        Returns:
+            Observations after resets, (num_envs, observations), and two of (num_envs,) bool: ends, and those of them that
+            are by the time limit alone.
 
         Raises:
             CandidateFailed: the reward's functions failed.
@@ -71,5 +81,4 @@ class TaskEnv(VecEnv):
         if bool(ends.any()):
             self.lengths.add(self.task.progress[ends])
             self.task.renew(ends)
-        extras = {"time_outs": (timed_out & ~terminated).float()}
-        return self.get_observations(), torch.zeros(self.num_envs), ends, extras
+        return self.task.observations(), ends, timed_out & ~terminated
