@@ -12,50 +12,13 @@ from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from rsl_rl.models import MLPModel
-from torch import Tensor, nn
-from torch.nn import functional
+from torch import Tensor
+
+from porse.training.gradients import Layers, of_clamped, of_larger, shorten
 
 _LOG_ROOT_TWO_PI = math.log(math.sqrt(2 * math.pi))
 _ENTROPY = 0.5 + 0.5 * math.log(2 * math.pi)
 """Of a normal distribution with deviation 1."""
-_SLOPES = {
-    nn.ELU: lambda gradient, given, made: torch.ops.aten.elu_backward(gradient, 1.0, 1.0, 1.0, False, given),
-    nn.ReLU: lambda gradient, given, made: torch.ops.aten.threshold_backward(gradient, made, 0.0),
-    nn.Tanh: lambda gradient, given, made: torch.ops.aten.tanh_backward(gradient, made),
-}
-"""Gradients of activations, from that of what they made, what they were given, and what they made."""
-
-
-class Layers:
-    """A network of rsl_rl's: linear layers with one activation between them, behind a normaliser.
-
-    Args:
-        network: the network; its weights stay its own.
-    """
-
-    def __init__(self, network: MLPModel) -> None:
-        self.normalise = network.obs_normalizer
-        self._linear = [layer for layer in network.mlp if isinstance(layer, nn.Linear)]
-        self._activate = network.mlp[1]
-        self._slope = _SLOPES[type(self._activate)]
-
-    def __call__(self, latent: Tensor) -> Tensor:
-        """Returns the outputs for normalised observations, and keeps what `learn` needs."""
-        self._given, self._made = [], [latent]
-        for layer in self._linear[:-1]:
-            self._given.append(functional.linear(self._made[-1], layer.weight, layer.bias))
-            self._made.append(self._activate(self._given[-1]))
-        return functional.linear(self._made[-1], self._linear[-1].weight, self._linear[-1].bias)
-
-    def learn(self, gradient: Tensor) -> None:
-        """Writes the gradients of all weights, from that of the last outputs."""
-        for place in reversed(range(len(self._linear))):
-            layer = self._linear[place]
-            torch.mm(gradient.t(), self._made[place], out=layer.weight.grad)
-            torch.sum(gradient, 0, out=layer.bias.grad)
-            if place:
-                gradient = self._slope(gradient.mm(layer.weight), self._given[place - 1], self._made[place])
 
 
 class LeanPPO(PPO):
@@ -109,14 +72,15 @@ class LeanPPO(PPO):
         """Learns from the stored epoch; returns the mean losses, named as rsl_rl does."""
         for weight in self.optimizer.param_groups[0]["params"]:
             weight.grad = torch.zeros_like(weight)
+        gradients = [[weight.grad for weight in network.parameters()] for network in (self.actor, self.critic)]
         with torch.inference_mode():
             batches = self._batches() * self.num_learning_epochs
         sums = [0.0, 0.0, 0.0]
         for batch in batches:
             with torch.inference_mode():
                 losses = self._learn(*batch)
-            nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
-            nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
+                for own in gradients:
+                    shorten(own, self.max_grad_norm)
             self.optimizer.step()
             sums = [total + loss.item() for total, loss in zip(sums, losses, strict=True)]
         seen = {"policy": self._seen.flatten(0, 1)}
@@ -128,11 +92,19 @@ class LeanPPO(PPO):
     def _batches(self) -> list[tuple[Tensor, ...]]:
         """Returns the epoch's minibatches, in the order of `_learn`'s arguments."""
         storage, seen = self.storage, self._seen.flatten(0, 1)
-        parts = storage.actions, self._means, storage.actions_log_prob, storage.advantages, storage.values, storage.returns
+        parts = (
+            storage.actions,
+            self._means,
+            storage.actions_log_prob,
+            storage.advantages,
+            storage.values,
+            storage.returns,
+        )
         flat = [self._actor.normalise(seen), self._critic.normalise(seen), *(part.flatten(0, 1) for part in parts)]
         size = len(seen) // self.num_mini_batches
-        order = torch.randperm(self.num_mini_batches * size)
-        return list(zip(*(part.index_select(0, order).split(size) for part in flat), strict=True))
+        order = torch.randperm(self.num_mini_batches * size).split(size)
+        # Each in memory of its own: in the profile `fast`, a product's bits depend on where its factors begin.
+        return [tuple(part.index_select(0, chosen) for part in flat) for chosen in order]
 
     def _learn(
         self, for_actor: Tensor, for_critic: Tensor, actions: Tensor, old_means: Tensor, old_log: Tensor,
@@ -149,8 +121,8 @@ class LeanPPO(PPO):
         values = self._critic(for_critic)
         self._adapt(old_means, means, deviations)
 
-        of_plain, of_clipped = _of_larger(plain, clipped, whole)
-        of_ratio = of_plain * -advantages + _of_clamped(of_clipped * -advantages, ratio, 1.0 - clip, 1.0 + clip)
+        of_plain, of_clipped = of_larger(plain, clipped, whole)
+        of_ratio = of_plain * -advantages + of_clamped(of_clipped * -advantages, ratio, 1.0 - clip, 1.0 + clip)
         of_log = of_ratio * ratio
         variances = 2 * deviations**2
         self._actor.learn(of_log / variances * (2 * away))
@@ -159,12 +131,12 @@ class LeanPPO(PPO):
             of_deviations = of_entropy / deviations + of_deviations
         of_deviations = of_deviations + -of_log * (-(away**2) / variances / variances) * 2 * (2 * deviations)
         low, high = self.actor.distribution.std_range
-        self._deviation.grad.copy_(_of_clamped(of_deviations.sum(0), self._deviation, low, high))
+        self._deviation.grad.copy_(of_clamped(of_deviations.sum(0), self._deviation, low, high))
 
         change = values - old_values
         off, off_clipped = values - returns, old_values + change.clamp(-clip, clip) - returns
-        of_square, of_square_clipped = _of_larger(off**2, off_clipped**2, of_value)
-        inside = _of_clamped(of_square_clipped * (2 * off_clipped), change, -clip, clip)
+        of_square, of_square_clipped = of_larger(off**2, off_clipped**2, of_value)
+        inside = of_clamped(of_square_clipped * (2 * off_clipped), change, -clip, clip)
         self._critic.learn(of_square * (2 * off) + inside)
 
         entropy = (_ENTROPY + torch.log(deviations)).sum()
@@ -189,14 +161,3 @@ class LeanPPO(PPO):
 def _log_probability(away: Tensor, deviations: Tensor) -> Tensor:
     """Returns the logarithm of the density of each number of an action, so far away from its mean."""
     return -(away**2) / (2 * deviations**2) - deviations.log() - _LOG_ROOT_TWO_PI
-
-
-def _of_larger(first: Tensor, second: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns the gradients of two arguments of a maximum; where they are equal, each has a half."""
-    shared = torch.where(first == second, gradient / 2, gradient)
-    return shared.masked_fill(first < second, 0.0), shared.masked_fill(first > second, 0.0)
-
-
-def _of_clamped(gradient: Tensor, argument: Tensor, low: float, high: float) -> Tensor:
-    """Returns the gradient of what was clamped."""
-    return torch.where((argument >= low) & (argument <= high), gradient, 0.0)
