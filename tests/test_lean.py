@@ -25,8 +25,10 @@ VARIED = {
     "relu": {"activation": "relu", "entropy": 0.03, "normalise_observations": False},
     "tanh": {"activation": "tanh", "hidden": (8,)},
     "one minibatch": {"passes": 3, "minibatches": 1},
+    "two samples left over": {"minibatches": 4},
+    "sizes of a training": {"num_envs": 129, "hidden": (64, 64)},
 }
-"""Minibatches of 14 samples, which no power of two is: each division has to be the library's."""
+"""Minibatches of 14 samples, or of 301: no power of two, so that each division has to be the library's."""
 
 
 def made(changes):
@@ -35,27 +37,29 @@ def made(changes):
         load_params(ROOT / "params.yaml", ROOT).train, num_envs=ENVS, steps_per_epoch=STEPS, hidden=(16, 8), minibatches=3, passes=4, clip=0.1,
         value_coefficient=0.7, learning_rate=0.003, max_grad_norm=0.4, init_std=0.8, desired_kl=0.012,
     )  # fmt: skip
+    train = dataclasses.replace(train, **changes)
     torch.manual_seed(1)
-    return build_ppo(observation_groups(torch.zeros(ENVS, WIDTH)), ACTIONS, dataclasses.replace(train, **changes))
+    return build_ppo(observation_groups(torch.zeros(train.num_envs, WIDTH)), ACTIONS, train)
 
 
-def epochs(count):
+def epochs(count, num_envs=ENVS):
     """Epochs as an environment would give them: states, ends, time limits and rewards, with zeros of both among them."""
     generator = torch.Generator().manual_seed(2)
     for _ in range(count):
-        states = 3.0 * torch.randn(STEPS + 1, ENVS, WIDTH, generator=generator) + 1.0
-        ends = torch.rand(STEPS, ENVS, generator=generator) < 0.3
-        timed_out = ends & (torch.rand(STEPS, ENVS, generator=generator) < 0.5)
-        yield states, ends, timed_out, torch.randn(STEPS, ENVS, 1, generator=generator)
+        states = 3.0 * torch.randn(STEPS + 1, num_envs, WIDTH, generator=generator) + 1.0
+        ends = torch.rand(STEPS, num_envs, generator=generator) < 0.3
+        timed_out = ends & (torch.rand(STEPS, num_envs, generator=generator) < 0.5)
+        yield states, ends, timed_out, torch.randn(STEPS, num_envs, 1, generator=generator)
 
 
 def by_the_library(ppo, states, ends, timed_out, rewards):
     """An epoch through rsl_rl's own methods, as its runner calls them."""
+    unpaid = torch.zeros_like(rewards[0, :, 0])
     with torch.inference_mode():
         for step in range(STEPS):
             PPO.act(ppo, observation_groups(states[step]))
             extras = {"time_outs": timed_out[step].float()}
-            PPO.process_env_step(ppo, observation_groups(states[step + 1]), torch.zeros(ENVS), ends[step], extras)
+            PPO.process_env_step(ppo, observation_groups(states[step + 1]), unpaid, ends[step], extras)
         ppo.storage.rewards += rewards
         PPO.compute_returns(ppo, observation_groups(states[-1]))
     return PPO.update(ppo)
@@ -88,12 +92,12 @@ def assert_same(found, wanted):
 @pytest.mark.parametrize("changes", VARIED.values(), ids=VARIED)
 def test_epochs_leave_the_librarys_weights_optimizer_statistics_rate_draws_and_losses(changes):
     ppo, library = made(changes), made(changes)
-    rates = set()
+    num_envs, rates = ppo.storage.num_envs, set()
     torch.manual_seed(3)
-    losses = [lean(ppo, *epoch) for epoch in epochs(4)]
+    losses = [lean(ppo, *epoch) for epoch in epochs(4, num_envs)]
     drawn = torch.get_rng_state()
     torch.manual_seed(3)
-    for epoch, own in zip(epochs(4), losses, strict=True):
+    for epoch, own in zip(epochs(4, num_envs), losses, strict=True):
         wanted = by_the_library(library, *epoch)
         rates.add(library.learning_rate)
         assert (own["value"], own["surrogate"]) == (wanted["value"], wanted["surrogate"])
@@ -122,7 +126,6 @@ def test_deviations_that_fell_below_the_least_one_learn_nothing_as_in_the_librar
 _FAST = """
 import sys
 from porse import numerics
-from porse.config import load_params
 numerics.apply("fast")
 import pytest
 sys.exit(pytest.main(["--noconftest", "-q", "-p", "no:cacheprovider", sys.argv[1], "-k", "not fast"]))
@@ -137,4 +140,4 @@ def test_the_same_holds_in_the_profile_fast():
         [sys.executable, "-c", _FAST, __file__], env=environment, cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
-    assert "7 passed" in done.stdout
+    assert f"{len(VARIED) + 1} passed" in done.stdout

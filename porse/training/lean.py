@@ -1,10 +1,10 @@
 """rsl_rl's PPO with less around it: the same draws, the same sums in the same order, and so the same weights, bit for bit.
 
-Its update goes through tensor dictionaries, autograd and torch's distributions, gathers every minibatch once a pass, and
-computes an entropy whatever its weight. Here the rollout is plain tensors, a minibatch is gathered once an epoch with its
-observations normalised, and the gradient is written out: what autograd would call, and in which order it would add it up.
-Whatever is equal in all rows, all that follows from the deviations of the actions alone, is computed for one row.
-`tests/test_lean.py` holds it to the library's own.
+The library's update goes through tensor dictionaries, autograd and torch's distributions, gathers and normalises every
+minibatch anew in each pass, and computes an entropy whatever its weight. Here a minibatch is gathered and normalised once an
+epoch, the rollout is plain tensors, and the gradient is written out: the operators that autograd would call, added up in its
+order. What is equal in all rows, which is all that follows from the deviations of the actions alone, is computed for one.
+`tests/test_lean.py` compares it with the library on the same data.
 """
 
 import math
@@ -12,9 +12,10 @@ from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from torch import Tensor
+from torch import Tensor, nn
 
-from porse.training.gradients import Layers, of_clamped, of_larger, shorten
+from porse.training.gradients import Layers, of_clamped, of_larger
+from porse.training.vecenv import observation_groups
 
 _LOG_ROOT_TWO_PI = math.log(math.sqrt(2 * math.pi))
 _ENTROPY = 0.5 + 0.5 * math.log(2 * math.pi)
@@ -32,24 +33,23 @@ class LeanPPO(PPO):
         self._means = torch.zeros_like(self.storage.actions)
 
     def choose(self, observations: Tensor) -> Tensor:
-        """Returns drawn actions, (num_envs, actions), for observations (num_envs, observations), and stores the step."""
+        """Returns drawn actions, (num_envs, actions), for observations (num_envs, observations), and stores both."""
         storage, step = self.storage, self.storage.step
-        self._seen[step] = observations
         means = self._actor(self._actor.normalise(observations))
+        self._seen[step], self._means[step] = observations, means
         storage.actions[step] = torch.normal(means, self._deviations().expand_as(means))
         storage.values[step] = self._critic(self._critic.normalise(observations))
-        self._means[step] = means
         return storage.actions[step]
 
     def follow(self, ends: Tensor, timed_out: Tensor) -> None:
-        """Stores what became of the step: (num_envs,) bool each, and the value that a time limit cut off as its reward."""
+        """Stores what became of the step, (num_envs,) bool each; its reward is the value that a time limit cut off."""
         storage, step = self.storage, self.storage.step
         storage.dones[step] = ends.unsqueeze(1)
         storage.rewards[step] = self.gamma * (storage.values[step] * timed_out.unsqueeze(1))
         storage.step += 1
 
     def finish(self, observations: Tensor) -> None:
-        """Computes the returns and advantages of an epoch that has been paid.
+        """Computes returns and advantages, once the epoch has been paid.
 
         Args:
             observations: of the states that it led to, (num_envs, observations).
@@ -58,89 +58,77 @@ class LeanPPO(PPO):
         storage.distribution_params = (self._means, deviations.expand_as(self._means))
         log_probability = _log_probability(storage.actions - self._means, deviations)
         storage.actions_log_prob = log_probability.sum(dim=-1, keepdim=True)
-        values = torch.cat([storage.values, self._critic(self._critic.normalise(observations)).unsqueeze(0)])
-        kept = (1.0 - storage.dones.float()) * self.gamma
-        surprises = storage.rewards + kept * values[1:] - storage.values
-        advantage, kept = torch.zeros(()), kept * self.lam
-        for step in reversed(range(len(kept))):
-            advantage = surprises[step] + kept[step] * advantage
-            storage.returns[step] = advantage + storage.values[step]
-        advantages = storage.returns - storage.values
-        storage.advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        self.compute_returns(observation_groups(observations))
 
     def update(self) -> dict[str, float]:
         """Learns from the stored epoch; returns the mean losses, named as rsl_rl does."""
         for weight in self.optimizer.param_groups[0]["params"]:
             weight.grad = torch.zeros_like(weight)
-        gradients = [[weight.grad for weight in network.parameters()] for network in (self.actor, self.critic)]
         with torch.inference_mode():
             batches = self._batches() * self.num_learning_epochs
-        sums = [0.0, 0.0, 0.0]
-        for batch in batches:
+        sums = {"value": 0.0, "surrogate": 0.0, "entropy": 0.0}
+        for for_actor, for_critic in batches:
             with torch.inference_mode():
-                losses = self._learn(*batch)
-                for own in gradients:
-                    shorten(own, self.max_grad_norm)
+                losses = {**self._teach_actor(*for_actor), **self._teach_critic(*for_critic)}
+            nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
+            nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
             self.optimizer.step()
-            sums = [total + loss.item() for total, loss in zip(sums, losses, strict=True)]
-        seen = {"policy": self._seen.flatten(0, 1)}
+            sums = {name: total + losses[name].item() for name, total in sums.items()}
+        seen = observation_groups(self._seen.flatten(0, 1))
         self.actor.update_normalization(seen)
         self.critic.update_normalization(seen)
         self.storage.clear()
-        return dict(zip(("value", "surrogate", "entropy"), (total / len(batches) for total in sums), strict=True))
+        return {name: total / len(batches) for name, total in sums.items()}
 
-    def _batches(self) -> list[tuple[Tensor, ...]]:
-        """Returns the epoch's minibatches, in the order of `_learn`'s arguments."""
+    def _batches(self) -> list[tuple[list[Tensor], list[Tensor]]]:
+        """Returns an epoch's minibatches: what `_teach_actor` takes and what `_teach_critic` takes, (samples, ...) each."""
         storage, seen = self.storage, self._seen.flatten(0, 1)
-        parts = (
-            storage.actions,
-            self._means,
-            storage.actions_log_prob,
-            storage.advantages,
-            storage.values,
-            storage.returns,
-        )
-        flat = [self._actor.normalise(seen), self._critic.normalise(seen), *(part.flatten(0, 1) for part in parts)]
+        for_actor = storage.actions, self._means, storage.actions_log_prob, storage.advantages
+        for_critic = storage.values, storage.returns
+        whole = [
+            [network.normalise(seen), *(part.flatten(0, 1) for part in parts)]
+            for network, parts in ((self._actor, for_actor), (self._critic, for_critic))
+        ]
         size = len(seen) // self.num_mini_batches
         order = torch.randperm(self.num_mini_batches * size).split(size)
         # Each in memory of its own: in the profile `fast`, a product's bits depend on where its factors begin.
-        return [tuple(part.index_select(0, chosen) for part in flat) for chosen in order]
+        actor, critic = ([[part.index_select(0, rows) for part in parts] for rows in order] for parts in whole)
+        return list(zip(actor, critic, strict=True))
 
-    def _learn(
-        self, for_actor: Tensor, for_critic: Tensor, actions: Tensor, old_means: Tensor, old_log: Tensor,
-        advantages: Tensor, old_values: Tensor, returns: Tensor,
-    ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
-        """Writes the gradients of one minibatch, (samples, ...) each, and returns the losses of value, surrogate, entropy."""
-        deviations, clip = self._deviations(), self.clip_param
-        whole, of_value, of_entropy = torch.tensor([1.0, self.value_loss_coef, -self.entropy_coef]) / len(actions)
-        means = self._actor(for_actor)
-        torch.empty_like(means).normal_()  # actions that rsl_rl draws and nobody takes
+    def _teach_actor(
+        self, seen: Tensor, actions: Tensor, old_means: Tensor, old_log: Tensor, advantages: Tensor
+    ) -> dict[str, Tensor]:
+        """Writes the actor's gradients for one minibatch, adapts the learning rate, and returns surrogate and entropy."""
+        means, deviations, clip = self._actor(seen), self._deviations(), self.clip_param
+        # rsl_rl draws actions here and drops them; the generator has to go on as there.
+        torch.empty_like(means).normal_()
+        self._adapt(old_means, means, deviations)
         away = actions - means
         ratio = torch.exp(_log_probability(away, deviations).sum(dim=-1, keepdim=True) - old_log)
         plain, clipped = -advantages * ratio, -advantages * ratio.clamp(1.0 - clip, 1.0 + clip)
-        values = self._critic(for_critic)
-        self._adapt(old_means, means, deviations)
 
-        of_plain, of_clipped = of_larger(plain, clipped, whole)
+        of_plain, of_clipped = of_larger(plain, clipped, torch.tensor(1.0) / len(actions))
         of_ratio = of_plain * -advantages + of_clamped(of_clipped * -advantages, ratio, 1.0 - clip, 1.0 + clip)
         of_log = of_ratio * ratio
         variances = 2 * deviations**2
         self._actor.learn(of_log / variances * (2 * away))
         of_deviations = -of_log / deviations
         if self.entropy_coef:
-            of_deviations = of_entropy / deviations + of_deviations
+            of_deviations = torch.tensor(-self.entropy_coef) / len(actions) / deviations + of_deviations
         of_deviations = of_deviations + -of_log * (-(away**2) / variances / variances) * 2 * (2 * deviations)
         low, high = self.actor.distribution.std_range
         self._deviation.grad.copy_(of_clamped(of_deviations.sum(0), self._deviation, low, high))
+        return {"surrogate": torch.max(plain, clipped).mean(), "entropy": (_ENTROPY + deviations.log()).sum()}
 
+    def _teach_critic(self, seen: Tensor, old_values: Tensor, returns: Tensor) -> dict[str, Tensor]:
+        """Writes the critic's gradients for one minibatch, and returns the loss of value."""
+        values, clip = self._critic(seen), self.clip_param
         change = values - old_values
         off, off_clipped = values - returns, old_values + change.clamp(-clip, clip) - returns
-        of_square, of_square_clipped = of_larger(off**2, off_clipped**2, of_value)
-        inside = of_clamped(of_square_clipped * (2 * off_clipped), change, -clip, clip)
-        self._critic.learn(of_square * (2 * off) + inside)
-
-        entropy = (_ENTROPY + torch.log(deviations)).sum()
-        return torch.max(off**2, off_clipped**2).mean(), torch.max(plain, clipped).mean(), entropy
+        squares = off**2, off_clipped**2
+        of_square, of_clipped = of_larger(*squares, torch.tensor(self.value_loss_coef) / len(values))
+        self._critic.learn(of_square * (2 * off) + of_clamped(of_clipped * (2 * off_clipped), change, -clip, clip))
+        return {"value": torch.max(*squares).mean()}
 
     def _adapt(self, old_means: Tensor, means: Tensor, deviations: Tensor) -> None:
         """Adapts the learning rate to the divergence of the policy from the one that acted."""

@@ -66,7 +66,7 @@ class Trainer:
         torch.use_deterministic_algorithms(True)
         torch.manual_seed(seed_for(seed, "ppo"))
         self.epoch = 0
-        self._ppo = build_ppo(self._env.get_observations(), task.NUM_ACTIONS, params)
+        self._ppo = build_ppo(observation_groups(task.observations()), task.NUM_ACTIONS, params)
 
     def load(self, path: Path) -> None:
         """Goes on from the file at `path`: a policy starts at epoch 0, a checkpoint where it was written.
@@ -120,11 +120,11 @@ class Trainer:
             before(self.epoch + 1)
             with torch.inference_mode():
                 for _ in range(self._params.steps_per_epoch):
-                    observations, ends, timed_out = self._env.move(self._ppo.choose(observations))
+                    observations, ends, timed_out = self._env.step(self._ppo.choose(observations))
                     self._ppo.follow(ends, timed_out)
                 paid = self._pay()
                 self._ppo.finish(observations)
-            # An update with numbers that are not finite would raise somewhere in PPO, or spoil the weights.
+            # An update with numbers that are not finite would spoil the weights.
             finite("its returns were", self._ppo.storage.returns)
             losses = self._ppo.update()
             finite("its losses were", torch.tensor(list(losses.values())))
