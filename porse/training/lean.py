@@ -8,6 +8,7 @@ order. What is equal in all rows, which is all that follows from the deviations 
 """
 
 import math
+from itertools import chain
 from typing import Any
 
 import torch
@@ -24,6 +25,8 @@ _ENTROPY = 0.5 + 0.5 * math.log(2 * math.pi)
 
 class LeanPPO(PPO):
     """PPO as `porse.training.ppo.build_ppo` makes it: two networks, one normal distribution, an adaptive learning rate."""
+
+    learning_rate: float
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -56,13 +59,14 @@ class LeanPPO(PPO):
         """
         storage, deviations = self.storage, self._deviations()
         storage.distribution_params = (self._means, deviations.expand_as(self._means))
-        log_probability = _log_probability(storage.actions - self._means, deviations)
-        storage.actions_log_prob = log_probability.sum(dim=-1, keepdim=True)
+        exponents = _exponents(storage.actions - self._means, deviations)
+        storage.actions_log_prob = _log_probability(exponents, deviations)
         self.compute_returns(observation_groups(observations))
 
     def update(self) -> dict[str, float]:
         """Learns from the stored epoch; returns the mean losses, named as rsl_rl does."""
-        for weight in self.optimizer.param_groups[0]["params"]:
+        networks = [list(network.parameters()) for network in (self.actor, self.critic)]
+        for weight in chain(*networks):
             weight.grad = torch.zeros_like(weight)
         with torch.inference_mode():
             batches = self._batches() * self.num_learning_epochs
@@ -70,8 +74,8 @@ class LeanPPO(PPO):
         for for_actor, for_critic in batches:
             with torch.inference_mode():
                 losses = {**self._teach_actor(*for_actor), **self._teach_critic(*for_critic)}
-            nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
-            nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
+            for weights in networks:
+                nn.utils.clip_grad_norm_(weights, self.max_grad_norm)
             self.optimizer.step()
             sums = {name: total + losses[name].item() for name, total in sums.items()}
         seen = observation_groups(self._seen.flatten(0, 1))
@@ -104,20 +108,21 @@ class LeanPPO(PPO):
         torch.empty_like(means).normal_()
         self._adapt(old_means, means, deviations)
         away = actions - means
-        ratio = torch.exp(_log_probability(away, deviations).sum(dim=-1, keepdim=True) - old_log)
-        plain, clipped = -advantages * ratio, -advantages * ratio.clamp(1.0 - clip, 1.0 + clip)
+        exponents = _exponents(away, deviations)
+        ratio = torch.exp(_log_probability(exponents, deviations) - old_log)
+        costs, low, high = -advantages, 1.0 - clip, 1.0 + clip
+        plain, clipped = costs * ratio, costs * ratio.clamp(low, high)
 
         of_plain, of_clipped = of_larger(plain, clipped, torch.tensor(1.0) / len(actions))
-        of_ratio = of_plain * -advantages + of_clamped(of_clipped * -advantages, ratio, 1.0 - clip, 1.0 + clip)
-        of_log = of_ratio * ratio
+        of_log = (of_plain * costs + of_clamped(of_clipped * costs, ratio, low, high)) * ratio
         variances = 2 * deviations**2
         self._actor.learn(of_log / variances * (2 * away))
         of_deviations = -of_log / deviations
         if self.entropy_coef:
             of_deviations = torch.tensor(-self.entropy_coef) / len(actions) / deviations + of_deviations
-        of_deviations = of_deviations + -of_log * (-(away**2) / variances / variances) * 2 * (2 * deviations)
-        low, high = self.actor.distribution.std_range
-        self._deviation.grad.copy_(of_clamped(of_deviations.sum(0), self._deviation, low, high))
+        of_deviations = of_deviations + -of_log * (exponents / variances) * 2 * (2 * deviations)
+        of_deviations = of_clamped(of_deviations.sum(0), self._deviation, *self.actor.distribution.std_range)
+        self._deviation.grad.copy_(of_deviations)
         return {"surrogate": torch.max(plain, clipped).mean(), "entropy": (_ENTROPY + deviations.log()).sum()}
 
     def _teach_critic(self, seen: Tensor, old_values: Tensor, returns: Tensor) -> dict[str, Tensor]:
@@ -146,6 +151,11 @@ class LeanPPO(PPO):
         return self._deviation.clamp(*self.actor.distribution.std_range)
 
 
-def _log_probability(away: Tensor, deviations: Tensor) -> Tensor:
-    """Returns the logarithm of the density of each number of an action, so far away from its mean."""
-    return -(away**2) / (2 * deviations**2) - deviations.log() - _LOG_ROOT_TWO_PI
+def _exponents(away: Tensor, deviations: Tensor) -> Tensor:
+    """Returns the exponents of a normal density, of numbers so far away from their mean."""
+    return -(away**2) / (2 * deviations**2)
+
+
+def _log_probability(exponents: Tensor, deviations: Tensor) -> Tensor:
+    """Returns the logarithm of the density of actions, (..., 1), of the exponents of their numbers, (..., actions)."""
+    return (exponents - deviations.log() - _LOG_ROOT_TWO_PI).sum(dim=-1, keepdim=True)
