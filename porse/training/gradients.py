@@ -1,5 +1,7 @@
 """Gradients written out: of a network's weights, of a maximum, of a clamp; each with the operators that autograd calls."""
 
+from collections.abc import Sequence
+
 import torch
 from rsl_rl.models import MLPModel
 from torch import Tensor, nn
@@ -53,3 +55,11 @@ def of_larger(first: Tensor, second: Tensor, gradient: Tensor) -> tuple[Tensor, 
 def of_clamped(gradient: Tensor, argument: Tensor, low: float, high: float) -> Tensor:
     """Returns the gradient of what was clamped."""
     return torch.where((argument >= low) & (argument <= high), gradient, 0.0)
+
+
+def shorten(gradients: Sequence[Tensor], most: float) -> None:
+    """Multiplies gradients so that all their numbers together are no longer than `most`, as torch's `clip_grad_norm_` does."""
+    length = torch.linalg.vector_norm(torch.stack([torch.linalg.vector_norm(gradient) for gradient in gradients]))
+    factor = (most / (length + 1e-6)).clamp(max=1.0)
+    for gradient in gradients:
+        gradient.mul_(factor)

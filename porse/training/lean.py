@@ -8,14 +8,13 @@ order. What is equal in all rows, which is all that follows from the deviations 
 """
 
 import math
-from itertools import chain
 from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from torch import Tensor, nn
+from torch import Tensor
 
-from porse.training.gradients import Layers, of_clamped, of_larger
+from porse.training.gradients import Layers, of_clamped, of_larger, shorten
 from porse.training.vecenv import observation_groups
 
 _LOG_ROOT_TWO_PI = math.log(math.sqrt(2 * math.pi))
@@ -61,21 +60,29 @@ class LeanPPO(PPO):
         storage.distribution_params = (self._means, deviations.expand_as(self._means))
         exponents = _exponents(storage.actions - self._means, deviations)
         storage.actions_log_prob = _log_probability(exponents, deviations)
-        self.compute_returns(observation_groups(observations))
+        values = torch.cat([storage.values, self._critic(self._critic.normalise(observations)).unsqueeze(0)])
+        kept = (1.0 - storage.dones.float()) * self.gamma
+        surprises = storage.rewards + kept * values[1:] - storage.values
+        advantage, kept = torch.zeros(()), kept * self.lam
+        for step in reversed(range(len(kept))):
+            advantage = surprises[step] + kept[step] * advantage
+            storage.returns[step] = advantage + storage.values[step]
+        advantages = storage.returns - storage.values
+        storage.advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
 
     def update(self) -> dict[str, float]:
         """Learns from the stored epoch; returns the mean losses, named as rsl_rl does."""
-        networks = [list(network.parameters()) for network in (self.actor, self.critic)]
-        for weight in chain(*networks):
+        for weight in self.optimizer.param_groups[0]["params"]:
             weight.grad = torch.zeros_like(weight)
+        gradients = [[weight.grad for weight in network.parameters()] for network in (self.actor, self.critic)]
         with torch.inference_mode():
             batches = self._batches() * self.num_learning_epochs
         sums = {"value": 0.0, "surrogate": 0.0, "entropy": 0.0}
         for for_actor, for_critic in batches:
             with torch.inference_mode():
                 losses = {**self._teach_actor(*for_actor), **self._teach_critic(*for_critic)}
-            for weights in networks:
-                nn.utils.clip_grad_norm_(weights, self.max_grad_norm)
+                for own in gradients:
+                    shorten(own, self.max_grad_norm)
             self.optimizer.step()
             sums = {name: total + losses[name].item() for name, total in sums.items()}
         seen = observation_groups(self._seen.flatten(0, 1))
