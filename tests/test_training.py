@@ -256,13 +256,12 @@ class FakeReward:
         assert task.reset_mask is None
 
 
-def test_only_the_time_limit_counts_as_a_time_out_and_a_step_pays_nothing():
+def test_only_the_time_limit_alone_counts_as_a_time_out():
     task = FakeTask()
-    _, rewards, ends, extras = TaskEnv(task, FakeReward()).step(torch.zeros(2, 1))
+    _, ends, timed_out = TaskEnv(task, FakeReward()).step(torch.zeros(2, 1))
     assert ends.tolist() == [True, True]
-    assert extras["time_outs"].tolist() == [0.0, 1.0]
+    assert timed_out.tolist() == [False, True]
     assert task.reset_mask.tolist() == [True, True]
-    assert rewards.tolist() == [0.0, 0.0]
 
 
 def test_a_checkpoint_reads_back_with_its_shapes_and_types(tmp_path):

@@ -7,7 +7,6 @@ unfused Adam and rsl_rl's normaliser use, goes through MKL's vector maths and di
 from itertools import chain
 
 import torch
-from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.modules import EmpiricalNormalization
 from rsl_rl.storage import RolloutStorage
@@ -15,6 +14,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from porse.config import TrainParams
+from porse.training.lean import LeanPPO
 
 _GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
@@ -46,14 +46,14 @@ class ClippedNormalization(EmpiricalNormalization):
         self._std = torch.rsqrt(self._var).reciprocal()
 
 
-def build_ppo(observations: TensorDict, num_actions: int, params: TrainParams) -> PPO:
+def build_ppo(observations: TensorDict, num_actions: int, params: TrainParams) -> LeanPPO:
     """Returns PPO with fresh networks drawn from torch's global generator, which the caller has seeded."""
     distribution = {"class_name": "GaussianDistribution", "init_std": params.init_std}
     actor = _network(observations, "actor", num_actions, params, distribution)
     critic = _network(observations, "critic", 1, params, None)
     num_envs = observations.batch_size[0]
     storage = RolloutStorage("rl", num_envs, params.steps_per_epoch, observations, [num_actions], "cpu")
-    ppo = PPO(
+    ppo = LeanPPO(
         actor,
         critic,
         storage,

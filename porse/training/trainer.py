@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from rsl_rl.algorithms import PPO
 
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import TrainParams
@@ -67,7 +66,7 @@ class Trainer:
         torch.use_deterministic_algorithms(True)
         torch.manual_seed(seed_for(seed, "ppo"))
         self.epoch = 0
-        self._ppo: PPO = build_ppo(self._env.get_observations(), task.NUM_ACTIONS, params)
+        self._ppo = build_ppo(observation_groups(task.observations()), task.NUM_ACTIONS, params)
 
     def load(self, path: Path) -> None:
         """Goes on from the file at `path`: a policy starts at epoch 0, a checkpoint where it was written.
@@ -116,17 +115,16 @@ class Trainer:
         """
         rows: list[EpochRow] = []
         self._ppo.train_mode()
-        observations = self._env.get_observations()
+        observations = self._env.task.observations()
         while self.epoch < until:
             before(self.epoch + 1)
             with torch.inference_mode():
                 for _ in range(self._params.steps_per_epoch):
-                    actions = self._ppo.act(observations)
-                    observations, rewards, ends, extras = self._env.step(actions)
-                    self._ppo.process_env_step(observations, rewards, ends, extras)
+                    observations, ends, timed_out = self._env.step(self._ppo.choose(observations))
+                    self._ppo.follow(ends, timed_out)
                 paid = self._pay()
-                self._ppo.compute_returns(observations)
-            # An update with numbers that are not finite would raise somewhere in PPO, or spoil the weights.
+                self._ppo.finish(observations)
+            # An update with numbers that are not finite would spoil the weights.
             finite("its returns were", self._ppo.storage.returns)
             losses = self._ppo.update()
             finite("its losses were", torch.tensor(list(losses.values())))
@@ -142,7 +140,7 @@ class Trainer:
     def _pay(self) -> dict[str, float]:
         """Pays for the epoch that was just rolled out, and returns the series about it.
 
-        rsl_rl has the value of the last state where an episode met the time limit in its storage already, and zero elsewhere.
+        The storage has the value of the last state where an episode met the time limit already, and zero elsewhere.
         """
         storage = self._ppo.storage
         payment = self._env.reward.pay(self.epoch + 1, storage.dones.squeeze(-1).bool())

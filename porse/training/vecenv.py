@@ -1,15 +1,11 @@
-"""One task, one reward: the vector environment that rsl_rl trains on.
+"""One task, one reward: the vector environment that PPO trains on.
 
 Order of a step: the action moves the task, the reward sees the state that it led to, environments that ended are
-reset, and the observations of the states after the reset are returned (rsl_rl's same-step reset). `time_outs` marks
-ends by the time limit alone, where PPO goes on with the value of the last state. A step pays nothing: the reward is paid
-for a whole epoch at its end.
+reset, and the observations of the states after the reset are returned (rsl_rl's same-step reset). Ends by the time limit
+alone are told apart: PPO goes on there with the value of the last state. A step pays nothing: the reward is paid for a
+whole epoch at its end.
 """
 
-from typing import Any
-
-import torch
-from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -24,8 +20,8 @@ def observation_groups(observations: Tensor) -> TensorDict:
     return TensorDict({"policy": observations}, batch_size=[len(observations)])
 
 
-class TaskEnv(VecEnv):
-    """rsl_rl's view of a task and a reward.
+class TaskEnv:
+    """A task and a reward, and what an epoch is measured by.
 
     Attributes:
         task: the task that is trained on.
@@ -38,26 +34,13 @@ class TaskEnv(VecEnv):
     def __init__(self, task: Task, reward: Reward) -> None:
         self.task, self.reward, self.means = task, reward, EpochMeans()
         self.fitness, self.lengths = EpochFitness(), EpisodeLengths()
-        self.num_envs = task.num_envs
-        self.num_actions = task.NUM_ACTIONS
-        self.max_episode_length = task.EPISODE_LENGTH
-        self.device = torch.device("cpu")
-        self.cfg: dict[str, Any] = {}
 
-    @property
-    def episode_length_buf(self) -> Tensor:
-        """Steps of the running episodes, (num_envs,) int64."""
-        return self.task.progress
-
-    def get_observations(self) -> TensorDict:
-        """Returns the observations, {"policy": (num_envs, observations)}, of the states as they are."""
-        return observation_groups(self.task.observations())
-
-    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
+    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Moves all environments by one control step.
 
         Returns:
-            Observations after resets, no reward yet, zeros (num_envs,), ends (num_envs,) bool, and extras with `time_outs`.
+            Observations after resets, (num_envs, observations), and two of (num_envs,) bool: ends, and those of them that
+            are by the time limit alone.
 
         Raises:
             CandidateFailed: the reward's functions failed.
@@ -71,5 +54,4 @@ class TaskEnv(VecEnv):
         if bool(ends.any()):
             self.lengths.add(self.task.progress[ends])
             self.task.renew(ends)
-        extras = {"time_outs": (timed_out & ~terminated).float()}
-        return self.get_observations(), torch.zeros(self.num_envs), ends, extras
+        return self.task.observations(), ends, timed_out & ~terminated
