@@ -16,6 +16,7 @@ from porse.sim.physics import CpuPhysics
 from porse.tasks import TASKS, make_task
 from porse.tasks.base import Task
 from porse.tasks.franka_cabinet.scene import FINGER
+from task_cases import at_rest
 
 ENVS = 4
 NAMES = sorted(TASKS)
@@ -379,7 +380,7 @@ def test_wrong_sizes_are_refused() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_reset_leaves_no_force_action_or_control_of_the_episode_before(name: str) -> None:
-    """Pushed to the limits, then reset: its forces and actions are zero, its controls those of a start; others keep theirs."""
+    """Pushed to the limits, then reset: no push and no action is left, its controls those of a start; others keep theirs."""
     task = make_task(name, ENVS, seed=1)
     push = torch.ones(ENVS, task.NUM_ACTIONS)
     for _ in range(3):
@@ -387,7 +388,7 @@ def test_a_reset_leaves_no_force_action_or_control_of_the_episode_before(name: s
     pushed, controls = task._physics.force.clone(), task._physics.ctrl.clone()
     task.reset(torch.tensor([True, False, True, False]))
     started = make_task(name, ENVS, seed=1)
-    assert not task._physics.force[[0, 2]].any()
+    assert torch.equal(task._physics.force[[0, 2]], at_rest(task).expand(2, -1, -1))
     assert not task.actions[[0, 2]].any()
     assert torch.equal(task._physics.force[[1, 3]], pushed[[1, 3]])
     assert torch.equal(task._physics.ctrl[[1, 3]], controls[[1, 3]])
@@ -402,7 +403,7 @@ def test_a_force_acts_in_its_own_step_only(name: str) -> None:
     task = make_task(name, ENVS, seed=1)
     task.step(torch.ones(ENVS, task.NUM_ACTIONS))
     task.step(torch.zeros(ENVS, task.NUM_ACTIONS))
-    assert not task._physics.force.any()
+    assert torch.equal(task._physics.force, at_rest(task).expand(ENVS, -1, -1))
 
 
 @pytest.mark.parametrize("name", NAMES)
