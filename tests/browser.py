@@ -4,10 +4,12 @@
 """
 
 import base64
+import fcntl
 import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,7 +20,7 @@ from typing import Any
 CHROMIUM = os.environ.get("PORSE_CHROMIUM") or next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
 )
-PATIENCE_S = 120.0
+PATIENCE_S = 60.0
 """How long one answer may take: a machine may be busy."""
 
 
@@ -92,7 +94,9 @@ class Browser:
         while b"\0" not in self._left:
             ready, _, _ = select([self._back], [], [], max(0.0, end - time.monotonic()))
             assert ready, f"the browser said nothing for {PATIENCE_S:g} seconds"
-            self._left += os.read(self._back, 2**20)
+            found = os.read(self._back, 2**20)
+            assert found, "the browser ended"
+            self._left += found
         text, self._left = self._left.split(b"\0", 1)
         message: dict[str, Any] = json.loads(text)
         self._note(message.get("method", ""), message.get("params", {}))
@@ -120,9 +124,14 @@ def browser(profile: Path) -> Iterator[Browser]:
         "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND", "--remote-debugging-pipe",
         f"--user-data-dir={profile}",
     ]  # fmt: skip
-    # The browser reads from 3 and writes to 4; the shell puts the pipe's ends there.
-    place = ["sh", "-c", f'exec "$@" 3<&{its_read} 4>&{its_write}', "sh"]
-    process = subprocess.Popen([*place, *command], pass_fds=(its_read, its_write), stderr=subprocess.DEVNULL)
+    # The browser reads from 3 and writes to 4; ends with higher numbers are put there without treading on each other.
+    its_ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (its_read, its_write)]
+    place = "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); os.execv(sys.argv[3], sys.argv[3:])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", place, *map(str, its_ends), *command], pass_fds=its_ends, stderr=subprocess.DEVNULL
+    )
+    for end in its_ends:
+        os.close(end)
     os.close(its_read)
     os.close(its_write)
     try:

@@ -11,7 +11,7 @@ from porse.methods import ABLATIONS, METHODS
 from porse.presets import GIVEN, find_preset, preset_file
 from porse.report import paper
 from porse.report.charts import Chart, Line, Mark, Point
-from porse.report.detail import series_of
+from porse.report.detail import STREAMS, series_of
 from porse.report.figures import LENGTHS, chain_fitness
 from porse.report.results import Results
 from porse.search.schedule import mutants, varied
@@ -184,21 +184,22 @@ def lineage_charts(results: Results) -> list[Chart]:
     for link in results.evaluation.chain:
         own = series.get((link["iteration"], link["candidate_id"]), {})
         marks.append(Mark(before + 1, str(link["iteration"])))
-        epochs = [epoch for epoch, _ in own.get("fitness", [])]
+        epochs = [int(epoch) for epoch, _ in own.get("fitness", [])]
         if not epochs:
             continue
-        for name in {*own} & {"goal_size", "bonus_size", "bonus_share", "cells_visited"}:
+        for name in {name for *_, named in STREAMS for name in named if name in own}:
             points = lines.setdefault(name, [])
             points += [(before + 1 + epoch - epochs[0], value) for epoch, value in own[name]]
         before += epochs[-1] - epochs[0] + 1
-    groups = (
-        ("Size of goal and bonus, along the lineage", "deviation", ("goal_size", "bonus_size")),
-        ("Share of the bonus, along the lineage", "share", ("bonus_share",)),
-        ("Cells visited, along the lineage", "share", ("cells_visited",)),
-    )
     return [
-        Chart(title, "epoch of the lineage", unit, [Line(name, lines[name]) for name in names if name in lines], marks)
-        for title, unit, names in groups
+        Chart(
+            title,
+            "epoch of the lineage",
+            unit,
+            [Line(word, lines[name]) for name, word in names.items() if name in lines],
+            marks,
+        )
+        for title, unit, names in STREAMS
         if any(name in lines for name in names)
     ]
 

@@ -1,7 +1,7 @@
 """Line charts as numbers: where axes, ticks and lines go. The macros of `pages/charts.jinja` draw them as SVG."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TypeVar
@@ -130,9 +130,8 @@ def draw(chart: Chart) -> Drawing | None:
         )
 
     strokes = []
-    for index, line in enumerate(chart.lines):
+    for line, style in zip(chart.lines, _styles(chart.lines), strict=True):
         parts = [[place(*point) for point in thinned(part)] for part in _unbroken(line.points)]
-        style = f"c{index % COLOURS}{' dashed' if index >= COLOURS else ''}{' strong' if line.strong else ''}"
         paths = [" ".join(f"{x:g},{y:g}" for x, y in part) for part in parts if len(part) > 1]
         outlines = [
             [*(place(x, low) for x, low, _ in part), *(place(x, high) for x, _, high in reversed(part))]
@@ -174,6 +173,18 @@ def thinned(points: Sequence[Point]) -> list[Point]:
         ends = {part.index(min(part, key=lambda p: p[1])), part.index(max(part, key=lambda p: p[1]))}
         kept += [part[place] for place in sorted(ends)]
     return kept
+
+
+def _styles(lines: Sequence[Line]) -> Iterator[str]:
+    """Yields the classes of each line: a colour of its own; that of the ink for one that stands out among others."""
+    among = not all(line.strong for line in lines)
+    index = 0
+    for line in lines:
+        if line.strong and among:
+            yield "ink strong"
+            continue
+        yield f"c{index % COLOURS}{' dashed' if index >= COLOURS else ''}{' strong' if line.strong else ''}"
+        index += 1
 
 
 def _width(chart: Chart) -> int:

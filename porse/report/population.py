@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from porse.report.run import Run
 from porse.tables import Row
 
-
 ENDS: Mapping[str, str] = {
     "won": "won its iteration",
     "stayed": "trained to the end",

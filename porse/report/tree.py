@@ -33,8 +33,15 @@ class Branch:
 
 @dataclass(frozen=True)
 class Fork:
-    """Where a candidate leaves its parent's line: how far right, and how far down the two are."""
+    """Where a candidate leaves its parent.
 
+    Attributes:
+        stop: where the parent's line ends, if that is before.
+        at: where the candidate's begins.
+        parent, child: how far down the two are.
+    """
+
+    stop: int
     at: int
     parent: int
     child: int
@@ -65,12 +72,12 @@ def tree(populations: Sequence[Sequence[Member]], rungs: Sequence[str]) -> Tree:
             places = [rungs.index(stop.rung) for stop in member.stops] or [0]
             first, last = number * len(rungs) + min(places), number * len(rungs) + max(places) + 1
             branches.append(Branch(member, COLUMN * first, COLUMN * last, HEAD + ROW * len(branches) + ROW // 2))
-    places_down = {branch.member.anchor: branch.at for branch in branches}
+    known = {branch.member.anchor: branch for branch in branches}
     forks = [
-        Fork(branch.start, places_down[parent], branch.at)
+        Fork(min(branch.start, known[parent].stop), branch.start, known[parent].at, branch.at)
         for branch in branches
         for parent in branch.member.parents
-        if parent in places_down
+        if parent in known
     ]
     span = COLUMN * len(rungs)
     return Tree(

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from porse.errors import PorseError
-from porse.report.page import page_of, render
+from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
 
@@ -19,10 +19,12 @@ from porse.reporting.film import winner_film
     type=click.Path(dir_okay=False, path_type=Path),
     help="The page to write.",
 )
-def report(run: Path, out: Path) -> None:
+@click.option("--film/--no-film", "films", default=True, help="Show the winner in motion; drawing it takes seconds.")
+def report(run: Path, out: Path, films: bool) -> None:
     """Write one HTML page about the finished run in the folder RUN, `.` by default; it opens without a network."""
     results = read_results(run)
-    text = render(page_of(results, winner_film(results.params, run)))
+    film = winner_film(results.params, run) if films else no_film("the page was written with --no-film.")
+    text = render(page_of(results, film))
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:

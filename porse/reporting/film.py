@@ -7,10 +7,10 @@ from porse.config import Params
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 from porse.report.page import Film, no_film
-from porse.show import choose_renderer
+from porse.show import draws
 from porse.task_names import is_own
 
-LENGTHS_S = (6.0, 3.0, 1.5)
+LENGTHS_S = (4.0, 2.0, 1.0)
 """Of the film; a shorter one is tried where one is too large."""
 WIDTH, HEIGHT = 320, 240
 MOST_BYTES = 3 * 2**20
@@ -19,6 +19,7 @@ MOST_BYTES = 3 * 2**20
 def winner_film(params: Params, folder: Path) -> Film:
     """Returns a film of the winner of the run in `folder`, or why there is none.
 
+    Whether anything can be drawn here is tried in another process: a page is whole without a film.
     A run that came as its tables alone has no policy. A task of somebody's own is not imported for a page.
     """
     policy = policy_file(folder / "run" / str(params.iterations[-1].next) / "start", BEST)
@@ -27,7 +28,7 @@ def winner_film(params: Params, folder: Path) -> Film:
     if not policy.is_file():
         return no_film("the run's policies are not beside its tables.")
     try:
-        choose_renderer()
+        draws()
     except PorseError as error:
         return no_film(f"{error}.")
     from porse.film import SEED, Shot, write_gif
