@@ -28,7 +28,7 @@ def page(tmp_path_factory, root):
     with checker(parse_params(kills.tiny_params(), "a test")) as check:
         run_at_once(folder, kills.tiny_params(), check)
     film = io.BytesIO()
-    frames = [Image.new("L", (320, 240), level) for level in (90, 200)]
+    frames = [Image.new("L", (320, 240), level) for level in (90, 60)]
     frames[0].save(film, "GIF", save_all=True, append_images=frames[1:], duration=40, loop=0)
     path = folder / "report.html"
     path.write_text(

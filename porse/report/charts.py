@@ -117,8 +117,8 @@ def draw(chart: Chart) -> Drawing | None:
     if not finite:
         return None
     edges = [edge for line in chart.lines for _, *ends in line.band for edge in ends if math.isfinite(edge)]
-    x_low, x_high = _range([x for x, _ in finite])
-    y_low, y_high = _range([*(y for _, y in finite), *edges])
+    x_low, x_high = spread_apart([x for x, _ in finite])
+    y_low, y_high = spread_apart([*(y for _, y in finite), *edges])
     width = _width(chart)
 
     def place(x: float, y: float) -> Point:
@@ -191,7 +191,7 @@ def _width(chart: Chart) -> int:
     return WIDE if chart.wide else WIDTH
 
 
-def _range(values: Sequence[float]) -> Point:
+def spread_apart(values: Sequence[float]) -> Point:
     """Returns the lowest and the highest value, pulled apart where they are (nearly) equal."""
     low, high = min(values), max(values)
     least = max(abs(low), abs(high), 1.0) * 1e-6

@@ -1,5 +1,6 @@
 """The command `porse report`."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
@@ -11,24 +12,59 @@ from porse.reporting.film import winner_film
 
 
 @click.command()
-@click.argument("run", default=Path(), required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(exists=True, path_type=Path))
+@click.option("--compare", "compares", is_flag=True, help="Compare runs in folders and suites' files.")
+@click.option(
+    "--baseline", default="", help="With --compare: the method that others are compared with, as tables name it."
+)
 @click.option(
     "--out",
     default="report.html",
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="The page to write.",
+    help="The page to write; with --compare also .md, .tex or .csv.",
 )
 @click.option("--film/--no-film", "films", default=True, help="Show the winner in motion; drawing it takes seconds.")
-def report(run: Path, out: Path, films: bool) -> None:
-    """Write one HTML page about the finished run in the folder RUN, `.` by default; it opens without a network."""
-    results = read_results(run)
-    film = winner_film(results.params, run) if films else no_film("the page was written with --no-film.")
-    text = render(page_of(results, film))
+def report(runs: tuple[Path, ...], compares: bool, baseline: str, out: Path, films: bool) -> None:
+    """Write one HTML page about the finished run in the folder RUNS, `.` by default; it opens without a network.
+
+    With --compare, put several runs and suites beside each other, in the form of the paper's tables and figures.
+    """
+    text = _compared(runs or (Path(),), baseline, out) if compares else _page(runs, baseline, films)
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise PorseError(
             f"expected to write the page to {out}, found: {error.strerror}; choose another --out"
         ) from error
-    click.echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB; open it in a browser")
+    then = "; open it in a browser" if out.suffix == ".html" else ""
+    click.echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB{then}")
+
+
+def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:
+    if len(runs) > 1 or baseline or any(run.is_file() for run in runs):
+        raise click.UsageError(
+            "expected one folder of a run, found more, a file or --baseline; several runs and suites want --compare"
+        )
+    run = runs[0] if runs else Path()
+    results = read_results(run)
+    film = winner_film(results.params, run) if films else no_film("the page was written with --no-film.")
+    return render(page_of(results, film))
+
+
+def _compared(runs: tuple[Path, ...], baseline: str, out: Path) -> str:
+    # Imported here: SciPy takes a second to import.
+    from porse.reporting.compare import Comparison, comparison
+    from porse.reporting.forms import csv_of, latex_of, markdown_of
+    from porse.reporting.page import html_of
+    from porse.reporting.sources import read_sources
+
+    forms: Mapping[str, Callable[[Comparison], str]] = {
+        ".html": html_of,
+        ".md": markdown_of,
+        ".tex": latex_of,
+        ".csv": csv_of,
+    }
+    if out.suffix not in forms:
+        raise PorseError(f"expected a name that ends in {', '.join(forms)}, found {out}; choose another --out")
+    return forms[out.suffix](comparison(read_sources(runs), baseline))
