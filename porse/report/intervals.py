@@ -9,6 +9,7 @@ WIDTH, WORDS, RIGHT = 480, 170, 16
 """Width of a drawing in units of its view box, of the words at its left, and of its right margin."""
 ROW, TOP, BOTTOM = 22, 8, 26
 """Height of a row, and of the margins."""
+MOST_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,11 @@ class Intervals:
     places: Sequence[Place]
 
 
-def intervals(title: str, shown: Sequence[Interval]) -> Intervals:
-    """Returns the drawing of intervals, at least one."""
+def intervals(title: str, shown: Sequence[Interval], within: Sequence[float] = ()) -> Intervals:
+    """Returns the drawing of intervals, at least one; the axis reaches from one end of `within` to the other, or further."""
     numbers = [x for each in shown for x in (each.value, each.low, each.high, each.other) if x is not None]
-    least, greatest = spread_apart(numbers)
+    least, greatest = spread_apart([*numbers, *within])
+    places = ticks(least, greatest)
 
     def across(x: float) -> float:
         return round(WORDS + (x - least) / (greatest - least) * (WIDTH - WORDS - RIGHT), 1)
@@ -58,7 +60,8 @@ def intervals(title: str, shown: Sequence[Interval]) -> Intervals:
     return Intervals(
         title,
         TOP + ROW * len(shown) + BOTTOM,
-        [Tick(across(x), f"{x:g}") for x in ticks(least, greatest)],
+        # Their words stand beside each other: not too many.
+        [Tick(across(x), f"{x:g}") for x in places[:: -(-len(places) // MOST_TICKS)]],
         [
             Place(
                 each, TOP + ROW * (row + 0.5), across(each.value), maybe(each.low), maybe(each.high), maybe(each.other)

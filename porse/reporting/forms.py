@@ -106,11 +106,20 @@ def cell_text(cell: Cell | None) -> str:
 
 def mean_text(mean: float, deviation: float | None) -> str:
     """Returns a mean with its deviation where there is one."""
-    return figure(mean) if deviation is None else f"{figure(mean)} ± {figure(deviation)}"
+    if deviation is None:
+        return figure(mean)
+    # Equal values may have a mean that differs from them by rounding.
+    return f"{figure(mean)} ± {figure(deviation if deviation > 1e-12 * abs(mean) else 0.0)}"
 
 
 def _by_task(shown: Comparison, name: str) -> Rows:
-    lines = ([task, *(cell_text(shown.cell(name, task, label)) for label in shown.labels)] for task in shown.tasks)
+    known = {(row["task"], row["label"]) for row in shown.budget}
+    # Of what was run, but has no such figure.
+    missing = {group: "undefined" for group in known}
+    lines = (
+        [task, *(cell_text(shown.cell(name, task, label)) or missing.get((task, label), "") for label in shown.labels)]
+        for task in shown.tasks
+    )
     return [["task", *shown.labels], *lines]
 
 

@@ -22,5 +22,6 @@ def html_of(shown: Comparison) -> str:
                 if cell
             ]
             if rows:
-                drawings[title].append(intervals(task, rows))
+                # 0 is the sparse reward and 1 the human one.
+                drawings[title].append(intervals(task, rows, (0.0, 1.0) if name.startswith("hns") else ()))
     return template.render(shown=shown, about=about(shown), tables=list(tables_of(shown)), drawings=drawings)
