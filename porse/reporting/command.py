@@ -1,18 +1,21 @@
 """The command `porse report`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 
-from porse.errors import PorseError
+from porse.paths import check_target
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
 
+FORMS = (".html", ".md", ".tex", ".csv")
+"""How a comparison can be written; a run is a page."""
+
 
 @click.command()
-@click.argument("runs", nargs=-1, type=click.Path(exists=True, path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--compare", "compares", is_flag=True, help="Compare runs in folders and suites' files.")
 @click.option(
     "--baseline", default="", help="With --compare: the method that others are compared with, as tables name it."
@@ -30,13 +33,9 @@ def report(runs: tuple[Path, ...], compares: bool, baseline: str, out: Path, fil
 
     With --compare, put several runs and suites beside each other, in the form of the paper's tables and figures.
     """
+    check_target(out, FORMS if compares else FORMS[:1])
     text = _compared(runs or (Path(),), baseline, out) if compares else _page(runs, baseline, films)
-    try:
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise PorseError(
-            f"expected to write the page to {out}, found: {error.strerror}; choose another --out"
-        ) from error
+    out.write_text(text, encoding="utf-8")
     then = "; open it in a browser" if out.suffix == ".html" else ""
     click.echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB{then}")
 
@@ -59,12 +58,6 @@ def _compared(runs: tuple[Path, ...], baseline: str, out: Path) -> str:
     from porse.reporting.page import html_of
     from porse.reporting.sources import read_sources
 
-    forms: Mapping[str, Callable[[Comparison], str]] = {
-        ".html": html_of,
-        ".md": markdown_of,
-        ".tex": latex_of,
-        ".csv": csv_of,
-    }
-    if out.suffix not in forms:
-        raise PorseError(f"expected a name that ends in {', '.join(forms)}, found {out}; choose another --out")
-    return forms[out.suffix](comparison(read_sources(runs), baseline))
+    forms: Sequence[Callable[[Comparison], str]] = (html_of, markdown_of, latex_of, csv_of)
+    form = dict(zip(FORMS, forms, strict=True))[out.suffix.lower()]
+    return form(comparison(read_sources(runs), baseline))
