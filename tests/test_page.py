@@ -32,7 +32,7 @@ from porse.report.answer import (
     weights,
     winners_chart,
 )
-from porse.report.charts import MOST_POINTS, Chart, Line, Mark, draw, thinned, ticks
+from porse.report.charts import MOST_POINTS, Chart, Line, Mark, draw, thinned, thinned_band, ticks
 from porse.report.detail import attempts, charts, dropped, functions, series_of
 from porse.report.page import Film, no_film, page_of, render
 from porse.report.paper import find_mts, find_score, maximum_training_success, winners_weights
@@ -113,6 +113,15 @@ def test_a_long_line_keeps_its_peaks():
     assert {(1234, 9.0), (1235, -6.0), (4321, 5.0)} <= {*kept}
     assert kept == sorted(kept)
     assert thinned(points[:7]) == points[:7]
+
+
+def test_a_long_band_keeps_its_widest_places():
+    edges = [(epoch, -1.0, 1.0) for epoch in range(6000)]
+    edges[1234], edges[4321] = (1234, -7.0, 1.0), (4321, -1.0, 9.0)
+    kept = thinned_band(edges)
+    # 60 stretches of 100 epochs.
+    assert (len(kept), kept[0], kept[12], kept[43]) == (60, (50, -1.0, 1.0), (1250, -7.0, 1.0), (4350, -1.0, 9.0))
+    assert thinned_band(edges[:7]) == edges[:7]
 
 
 # Code.

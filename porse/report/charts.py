@@ -135,7 +135,7 @@ def draw(chart: Chart) -> Drawing | None:
         paths = [" ".join(f"{x:g},{y:g}" for x, y in part) for part in parts if len(part) > 1]
         outlines = [
             [*(place(x, low) for x, low, _ in part), *(place(x, high) for x, _, high in reversed(part))]
-            for part in _unbroken(line.band)
+            for part in map(thinned_band, _unbroken(line.band))
         ]
         areas = [" ".join(f"{x:g},{y:g}" for x, y in outline) for outline in outlines]
         strokes.append(Stroke(line.name, style, paths, [part[0] for part in parts if len(part) == 1], areas))
@@ -189,6 +189,17 @@ def _styles(lines: Sequence[Line]) -> Iterator[str]:
 
 def _width(chart: Chart) -> int:
     return WIDE if chart.wide else WIDTH
+
+
+def thinned_band(edges: Sequence[Edge]) -> list[Edge]:
+    """Returns at most half of `MOST_POINTS` edges: of each of equal stretches its middle, and its lowest and highest end."""
+    stretches = MOST_POINTS // 2
+    if len(edges) <= stretches:
+        return list(edges)
+    parts = [
+        edges[number * len(edges) // stretches : (number + 1) * len(edges) // stretches] for number in range(stretches)
+    ]
+    return [(part[len(part) // 2][0], min(low for _, low, _ in part), max(high for *_, high in part)) for part in parts]
 
 
 def spread_apart(values: Sequence[float]) -> Point:
