@@ -129,9 +129,9 @@ def beside_paper(results: Results) -> list[Beside]:
     hns = metrics["hns"]["lineage"]
     return [
         Beside("MTS", figure(metrics["mts"]), f"{figure(value.mean)}{spread} (table {value.table})"),
-        Beside("Human normalised score", figure(hns), f"{figure(score)}, by the means of its tables"),
-        Beside("Trainings of the whole method", "1", f"{paper.SEEDS}, of which it gives mean and deviation"),
-        Beside("Simulator", "MuJoCo; docs/tasks.md says what each task leaves out or adds", paper.SIMULATOR),
+        Beside("Human normalised score", figure(hns), figure(score)),
+        Beside("Seeds", "1", str(paper.SEEDS)),
+        Beside("Simulator", "MuJoCo (docs/tasks.md)", paper.SIMULATOR),
         Beside("Model", _WRITERS[params.generator].format(params=params), paper.MODEL),
         Beside("Environments", figure(own.num_envs), _given(theirs, "num_envs")),
         Beside("Steps of each in an epoch", figure(own.steps_per_epoch), _given(theirs, "steps_per_epoch")),
@@ -241,8 +241,7 @@ def _original(task: str) -> Mapping[str, Any]:
 
 
 def _given(values: Mapping[str, Any], key: str) -> str:
-    """Returns a number of the original's configuration."""
-    return f"{figure(values[key])} in the original's configuration" if key in values else "not known"
+    return figure(values[key]) if key in values else "not known"
 
 
 def _network(hidden: Sequence[int]) -> str:
