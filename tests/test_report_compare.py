@@ -17,7 +17,7 @@ from porse.cli import main
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
-from porse.report.intervals import RIGHT, WIDTH, WORDS, Interval, intervals
+from porse.report.intervals import SIDE, WIDTH, Interval, intervals
 from porse.reporting.compare import comparison
 from porse.reporting.forms import csv_of, mean_text
 from porse.reporting.sources import read_sources
@@ -140,6 +140,7 @@ def test_every_form_says_the_same(runs, tmp_path):
     assert (float(eureka["mean"]), float(eureka["difference"]), eureka["paper_table"]) == (-0.625, -0.5, "5")
     shown = html.unescape(re.sub(r"<[^>]+>", " ", texts["html"]))
     assert "-0.625 ± 0.451" in shown
+    assert "<h1>5 runs on Quadcopter</h1>" in texts["html"]
     assert "<script" not in texts["html"]
     assert "undefined" in shown
 
@@ -180,15 +181,15 @@ def test_a_suite_is_compared_by_its_file_and_what_is_not_done_is_said(finished, 
 
 def test_intervals_are_where_their_values_are():
     drawing = intervals("t", [Interval("a", 1.0, 0.0, 2.0, 4.0), Interval("b", 3.0, None, None, None)])
-    room = WIDTH - WORDS - RIGHT
+    room = WIDTH - 2 * SIDE
     first, second = drawing.places
     assert (first.low, first.value, first.high, first.other) == (
-        WORDS, WORDS + room / 4, WORDS + room / 2, WORDS + room,
+        SIDE, SIDE + room / 4, SIDE + room / 2, SIDE + room,
     )  # fmt: skip
-    assert (second.low, second.value, second.other) == (None, WORDS + 3 * room / 4, None)
+    assert (second.low, second.value, second.other) == (None, SIDE + 3 * room / 4, None)
     # The axis reaches 0 and 1 where it is told to.
     (place,) = intervals("t", [Interval("a", 0.5, None, None, None)], (0.0, 1.0)).places
-    assert place.value == WORDS + room / 2
+    assert place.value == SIDE + room / 2
 
 
 def test_a_deviation_that_is_rounding_is_none():

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from porse.report.charts import Tick, spread_apart, ticks
 
-WIDTH, WORDS, RIGHT = 480, 170, 16
-"""Width of a drawing in units of its view box, of the words at its left, and of its right margin."""
-ROW, TOP, BOTTOM = 22, 8, 26
-"""Height of a row, and of the margins."""
+WIDTH, SIDE = 480, 24
+"""Width of a drawing in units of its view box, and of its margins."""
+ROW, TOP, BOTTOM = 34, 4, 26
+"""Height of a row, whose name stands above its value, and of the margins."""
 MOST_TICKS = 5
 
 
@@ -52,7 +52,7 @@ def intervals(title: str, shown: Sequence[Interval], within: Sequence[float] = (
     places = ticks(least, greatest)
 
     def across(x: float) -> float:
-        return round(WORDS + (x - least) / (greatest - least) * (WIDTH - WORDS - RIGHT), 1)
+        return round(SIDE + (x - least) / (greatest - least) * (WIDTH - 2 * SIDE), 1)
 
     def maybe(x: float | None) -> float | None:
         return None if x is None else across(x)
@@ -64,7 +64,7 @@ def intervals(title: str, shown: Sequence[Interval], within: Sequence[float] = (
         [Tick(across(x), f"{x:g}") for x in places[:: -(-len(places) // MOST_TICKS)]],
         [
             Place(
-                each, TOP + ROW * (row + 0.5), across(each.value), maybe(each.low), maybe(each.high), maybe(each.other)
+                each, TOP + ROW * (row + 0.7), across(each.value), maybe(each.low), maybe(each.high), maybe(each.other)
             )
             for row, each in enumerate(shown)
         ],

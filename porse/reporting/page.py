@@ -24,4 +24,12 @@ def html_of(shown: Comparison) -> str:
             if rows:
                 # 0 is the sparse reward and 1 the human one.
                 drawings[title].append(intervals(task, rows, (0.0, 1.0) if name.startswith("hns") else ()))
-    return template.render(shown=shown, about=about(shown), tables=list(tables_of(shown)), drawings=drawings)
+    return template.render(
+        title=_title(shown), shown=shown, about=about(shown), tables=list(tables_of(shown)), drawings=drawings
+    )
+
+
+def _title(shown: Comparison) -> str:
+    runs = sum(row["runs"] for row in shown.budget)
+    where = ", ".join(shown.tasks) if len(shown.tasks) < 4 else f"{len(shown.tasks)} tasks"
+    return f"{runs} {'run' if runs == 1 else 'runs'} on {where}"
