@@ -9,7 +9,7 @@ WIDTH, SIDE = 480, 24
 """Width of a drawing in units of its view box, and of its margins."""
 ROW, TOP, BOTTOM = 34, 4, 26
 """Height of a row, whose name stands above its value, and of the margins."""
-MOST_TICKS = 5
+MOST_TICKS = 6
 
 
 @dataclass(frozen=True)
