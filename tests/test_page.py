@@ -645,5 +645,7 @@ def test_metrics_of_another_version_are_said_in_a_sentence(finished, tmp_path, r
 def test_an_installed_package_has_the_pages_templates(root):
     declared = __import__("tomllib").loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     assert declared["porse.report"] == ["pages/*"]
+    assert declared["porse.report.paper"] == ["*.csv"]
+    assert declared["porse.reporting"] == ["pages/*"]
     found = {path.name for path in (root / "porse" / "report" / "pages").iterdir()}
     assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "style.css"}
