@@ -20,6 +20,7 @@ from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
 from porse.methods import ABLATIONS, METHODS
+from porse.pool import BEST, policy_file
 from porse.report import page as page_module
 from porse.report.answer import (
     answers,
@@ -41,6 +42,7 @@ from porse.report.results import Results, incumbents, read_results
 from porse.report.run import Evaluation, Run
 from porse.report.source import differences, listing, visible
 from porse.report.tree import COLUMN, HEAD, ROW, Fork, tree
+from porse.reporting.film import winner_film
 from porse.task_names import TASK_CLASSES
 
 NO_FILM = no_film("the run's policies are not beside its tables.")
@@ -649,3 +651,22 @@ def test_an_installed_package_has_the_pages_templates(root):
     assert declared["porse.reporting"] == ["pages/*"]
     found = {path.name for path in (root / "porse" / "report" / "pages").iterdir()}
     assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "style.css"}
+
+
+# The film.
+
+
+def test_a_run_without_its_policies_and_one_of_an_own_task_have_words_in_the_films_place(params, tmp_path):
+    assert winner_film(params, tmp_path) == no_film("the run's policies are not beside its tables.")
+    # Its code may be anybody's: it is not imported to be shown.
+    own = winner_film(dataclasses.replace(params, task="no_such_module:Cart"), tmp_path)
+    assert (own.gif, "its code is not run" in own.words) == (b"", True)
+
+
+def test_where_nothing_can_be_drawn_the_page_says_what_to_do(params, tmp_path, monkeypatch):
+    policy = policy_file(tmp_path / "run" / str(params.iterations[-1].next) / "start", BEST)
+    policy.parent.mkdir(parents=True)
+    policy.touch()
+    monkeypatch.setenv("MUJOCO_GL", "no-such-renderer")
+    found = winner_film(params, tmp_path)
+    assert (found.gif, "expected no-such-renderer to draw a picture" in found.words) == (b"", True)
