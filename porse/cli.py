@@ -33,7 +33,7 @@ _LAZY = {
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",
-    "report": "porse.report.page:report",
+    "report": "porse.reporting.command:report",
     "schema": "porse.schema:command",
     "status": "porse.status:status",
     "suite": "porse.suite.cli:suite",

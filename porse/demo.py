@@ -14,19 +14,17 @@ from typing import Any
 import click
 
 from porse import numerics
-from porse.config import TrainParams, load_document, parse_params
+from porse.config import load_document, parse_params
 from porse.documents import read_yaml, render_yaml
 from porse.errors import PorseError
-from porse.pool import BEST, policy_file
 from porse.report.markdown import results_table
-from porse.report.page import page_of, render
+from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
+from porse.reporting.film import winner_film
 from porse.show import choose_renderer, has_display
 
 SMOKE = Path(__file__).with_name("smoke.yaml")
 """The parameters of the size `smoke`, laid over those of a file."""
-
-_FILM_S = 4.0
 
 
 def smoke(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,7 +63,7 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     # Nothing here asks anybody, whatever the shell says.
     os.environ["PORSE_LLM_MODE"] = "frozen"
     # Before torch and MuJoCo are imported.
-    no_film = _no_renderer()
+    without = _no_renderer()
     numerics.apply(params.numerics)
     from porse.generation.states import checker
     from porse.iteration import Place, run
@@ -76,13 +74,15 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     click.echo()
     click.echo(results_table(json.loads((out / "metrics.json").read_text(encoding="utf-8"))))
     click.echo()
-    if no_film:
-        click.echo(f"no film: {no_film}", err=True)
+    film = no_film(without) if without else winner_film(params, out)
+    if film.gif:
+        target = out / f"{params.task.replace(':', '.')}.gif"
+        target.write_bytes(film.gif)
+        click.echo(f"{target}: the winner")
     else:
-        winner = policy_file(out / "run" / str(params.iterations[-1].next) / "start", BEST)
-        _write_film(out / f"{params.task.replace(':', '.')}.gif", params.task, winner, params.train)
+        click.echo(f"no film: {film.words}", err=True)
     page = out / "report.html"
-    page.write_text(render(page_of(read_results(out))), encoding="utf-8")
+    page.write_text(render(page_of(read_results(out), film)), encoding="utf-8")
     click.echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
         click.echo(f"{page}: opened")
@@ -101,13 +101,3 @@ def _no_renderer() -> str:
     except PorseError as error:
         return str(error)
     return ""
-
-
-def _write_film(target: Path, task: str, policy: Path, params: TrainParams) -> None:
-    from porse.film import SEED, write_gif
-    from porse.tasks import make_task
-    from porse.training.actor import policy_actor
-
-    shown = make_task(task, 1, SEED)
-    write_gif(target, shown, policy_actor(shown, policy, params), _FILM_S)
-    click.echo(f"{target}: the winner, {_FILM_S:g} s")

@@ -45,9 +45,10 @@ PATHS = [
     for name, command in ALL.items()
     for parameter in command.params
     if isinstance(parameter.type, click.Path)
-    and f"{name[-1]} {parameter.name}" not in ("import source", "play checkpoint", "export run")
+    and f"{name[-1]} {parameter.name}" not in ("import source", "play checkpoint", "export run", "report runs")
 ]
-"""Every path that is given to a command; only answers to import, and what to play or to export, may be a file or a folder."""
+"""Every path that is given to a command; only answers to import, and what to play, to export or to compare, may be a file or a
+folder."""
 
 
 @pytest.mark.parametrize(("name", "parameter"), PATHS, ids=lambda value: getattr(value, "name", None))

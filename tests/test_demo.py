@@ -57,6 +57,7 @@ def test_the_demo_leaves_a_run_a_film_and_a_report(root, tmp_path):
     }
     assert load_params(out / "params.yaml", root).train.num_envs == 8
     assert (out / "Quadcopter.gif").read_bytes().startswith(b"GIF89a")
+    assert 'src="data:image/gif;base64,' in (out / "report.html").read_text()
     assert "Final success in 32 episodes" in done.stdout
     # No display: nothing is opened.
     assert "opened" not in done.stdout

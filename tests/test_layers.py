@@ -29,6 +29,7 @@ LAYERS: list[set[str]] = [
     {"iteration", "plan", "repair"},
     {"outdated", "repro", "schema"},
     {"show", "status", "suite"},
+    {"reporting"},
     {"doctor", "demo", "export"},
     {"cli"},
 ]

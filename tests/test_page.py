@@ -5,6 +5,7 @@ import html
 import json
 import re
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -18,16 +19,33 @@ from porse.cli import main
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
+from porse.methods import ABLATIONS, METHODS
+from porse.pool import BEST, policy_file
 from porse.report import page as page_module
-from porse.report.answer import answers, asked, budget, figure, repliers, weights, winners_chart
-from porse.report.charts import MOST_POINTS, Chart, Line, Mark, draw, thinned, ticks
+from porse.report.answer import (
+    answers,
+    asked,
+    beside_paper,
+    budget,
+    figure,
+    lineage_charts,
+    repliers,
+    weights,
+    winners_chart,
+)
+from porse.report.charts import MOST_POINTS, Chart, Line, Mark, draw, thinned, thinned_band, ticks
 from porse.report.detail import attempts, charts, dropped, functions, series_of
-from porse.report.page import page_of, render
-from porse.report.population import members, parents
+from porse.report.page import Film, no_film, page_of, render
+from porse.report.paper import find_mts, find_score, maximum_training_success, winners_weights
+from porse.report.population import Member, Stop, members, parents
 from porse.report.results import Results, incumbents, read_results
 from porse.report.run import Evaluation, Run
 from porse.report.source import differences, listing, visible
+from porse.report.tree import COLUMN, HEAD, ROW, Fork, tree
+from porse.reporting.film import winner_film
+from porse.task_names import TASK_CLASSES
 
+NO_FILM = no_film("the run's policies are not beside its tables.")
 EVIL = "<script>alert('x')</script>"
 
 
@@ -48,7 +66,32 @@ def test_a_line_is_where_its_values_are_and_higher_is_further_up():
         (200.0, "-3"), (154.5, "-2"), (109.0, "-1"), (63.5, "0"), (18.0, "1"),
     ]  # fmt: skip
     # a mark beyond the axis is not drawn
-    assert [(mark.at, mark.word) for mark in drawing.marks] == [(165.0, "here")]
+    assert [(mark.at, mark.mark.word) for mark in drawing.marks] == [(165.0, "here")]
+
+
+def test_a_wide_chart_has_more_room_across_and_the_same_height():
+    drawing = draw(Chart("t", "x", "y", [Line("a", [(1, -3.0), (2, 1.0), (5, 0.0)])], wide=True))
+    # As above, but from 64 to 948: 64 + 884 / 4.
+    assert drawing.strokes[0].paths == ["64,200 285,18 948,63.5"]
+    assert drawing.width == 960
+
+
+def test_a_band_goes_there_along_its_lower_end_and_back_along_its_upper_one():
+    line = Line("a", [(1, 0.0), (2, 2.0)], band=[(1, -1.0, 1.0), (2, 0.0, 3.0)])
+    # y from -1 at 200 to 3 at 18: 45.5 for each unit.
+    (stroke,) = draw(Chart("t", "x", "y", [line])).strokes
+    assert stroke.areas == ["64,200 468,154.5 468,18 64,109"]
+    assert stroke.paths == ["64,154.5 468,63.5"]
+
+
+def test_a_line_that_stands_out_among_others_has_the_ink_and_takes_no_colour_from_them():
+    def styles(*strong):
+        lines = [Line(str(n), [(1, 0.0), (2, n)], strong=each) for n, each in enumerate(strong)]
+        return [stroke.style for stroke in draw(Chart("t", "x", "y", lines)).strokes]
+
+    assert styles(False, True, False) == ["c0", "ink strong", "c1"]
+    assert styles(True, True) == ["c0 strong", "c1 strong"]
+    assert styles(*[False] * 9)[8] == "c0 dashed"
 
 
 def test_a_value_that_is_no_number_breaks_its_line_and_one_left_alone_is_a_dot():
@@ -72,6 +115,15 @@ def test_a_long_line_keeps_its_peaks():
     assert {(1234, 9.0), (1235, -6.0), (4321, 5.0)} <= {*kept}
     assert kept == sorted(kept)
     assert thinned(points[:7]) == points[:7]
+
+
+def test_a_long_band_keeps_its_widest_places():
+    edges = [(epoch, -1.0, 1.0) for epoch in range(6000)]
+    edges[1234], edges[4321] = (1234, -7.0, 1.0), (4321, -1.0, 9.0)
+    kept = thinned_band(edges)
+    # 60 stretches of 100 epochs.
+    assert (len(kept), kept[0], kept[12], kept[43]) == (60, (50, -1.0, 1.0), (1250, -7.0, 1.0), (4350, -1.0, 9.0))
+    assert thinned_band(edges[:7]) == edges[:7]
 
 
 # Code.
@@ -238,7 +290,7 @@ def test_series_are_grouped_into_charts_and_what_is_not_there_is_left_out():
     assert found == {
         "Fitness": [("fitness", [(1, -3.0), (2, -2.0), (3, -1.0)])],
         "Components of the reward": [("far", [(1, 3.0)]), ("near", [(1, 0.5), (2, 0.75)])],
-        "Size of goal and bonus": [("bonus_size", [(1, 0.125)])],
+        "Size of goal and bonus": [("bonus", [(1, 0.125)])],
     }
 
 
@@ -313,7 +365,109 @@ def test_the_answer_comes_in_the_order_of_what_matters_and_says_what_it_measures
 def test_the_lineage_is_one_line_with_a_mark_where_a_link_and_where_a_rung_begins(results):
     chart = winners_chart(results)
     assert list(chart.lines[0].points) == [(1, -3.0), (2, -2.0), (3, -1.0), (4, -0.75), (5, -0.5)]
-    assert list(chart.marks) == [Mark(1, "1: new"), Mark(3), Mark(4, "2: mutant")]
+    # At the end of iteration 2 one of its two candidates had failed.
+    assert list(chart.marks) == [Mark(1, "1: new"), Mark(3), Mark(4, "2: mutant"), Mark(5, went="\u22121")]
+
+
+def test_goal_and_bonus_of_the_lineage_are_strung_together_by_epoch(results):
+    results.run.curves.extend(
+        [
+            *curve(1, "w", [0.5, 0.25, 0.75], series="goal_size"),
+            *curve(2, "v", [0.125, 1.0], series="goal_size"),
+            *curve(2, "v", [0.0, 2.0], series="bonus_size"),
+            *curve(2, "u", [9.0], series="cells_visited"),
+        ]
+    )
+    (found,) = lineage_charts(results)
+    assert [(line.name, line.points) for line in found.lines] == [
+        ("goal", [(1, 0.5), (2, 0.25), (3, 0.75), (4, 0.125), (5, 1.0)]),
+        ("bonus", [(4, 0.0), (5, 2.0)]),
+    ]
+    assert list(found.marks) == [Mark(1, "1"), Mark(4, "2")]
+
+
+def test_a_mark_says_how_many_mutants_came_and_how_many_candidates_went(run):
+    schedule = SimpleNamespace(rungs=[SimpleNamespace(rung=name) for name in ("1", "mutants", "2")])
+    chain = [run.candidates[2], candidate(4, 0, "z", origin="new")]
+    scores = [*run.scores, *ranking(3, "2", ("a", -0.25, False, True), ("m", -0.5, False, False))]
+    curves = [*curve(3, "a", [-1.0, -0.5]), *curve(3, "a", [-0.25], rung="2", first=3), *curve(4, "z", [-0.125])]
+    found = winners_chart(
+        SimpleNamespace(
+            params=schedule,
+            run=dataclasses.replace(run, scores=scores, curves=curves),
+            evaluation=SimpleNamespace(chain=chain),
+        )
+    )
+    # Rung 1: b and c went. Then m and n came, and n went. In rung 2 m went. Iteration 4 has no ranking.
+    assert list(found.marks) == [
+        Mark(1, "3: elite"), Mark(3, "", "+2", "\u22123"), Mark(4, "4: new", "", "\u22121"), Mark(4),
+    ]  # fmt: skip
+
+
+def test_a_tree_has_a_branch_for_each_candidate_and_a_fork_where_it_leaves_its_parent(run):
+    old = Member(run.candidates[0], 0, [Stop("1", 1, 1, -1.0, -1.0, False, True)], True, "won", [])
+    found = tree([[old], members(run, 3, "m", ["1", "mutants"])], ["1", "mutants"])
+    rungs = [
+        (each.member.row["candidate_id"], each.start // COLUMN, each.stop // COLUMN, each.member.kind)
+        for each in found.branches
+    ]
+    # Two rungs an iteration; mutants come in the second one. `old` had one rung.
+    assert rungs == [
+        ("old", 0, 1, "won"), ("c", 2, 3, "dropped"), ("a", 2, 4, "stayed"), ("n", 3, 4, "dropped"), ("m", 3, 4, "won"),
+        ("b", 2, 3, "failed"),
+    ]  # fmt: skip
+    down = [HEAD + ROW // 2 + ROW * place for place in range(6)]
+    assert [each.at for each in found.branches] == down
+    # `a` is `old` again, which ended a rung before.
+    assert found.forks == [
+        Fork(COLUMN, 2 * COLUMN, down[0], down[2]),
+        Fork(3 * COLUMN, 3 * COLUMN, down[2], down[3]),
+        Fork(3 * COLUMN, 3 * COLUMN, down[2], down[4]),
+    ]
+    assert [(border.at, border.word) for border in found.borders] == [(0, "iteration 2"), (2 * COLUMN, "iteration 3")]
+    assert [tick.word for tick in found.rungs] == ["1", "m", "1", "m"]
+
+
+def test_the_paper_stands_beside_the_run_with_what_differs(results, root, monkeypatch):
+    monkeypatch.chdir(root)
+    found = {row.name: (row.here, row.paper) for row in beside_paper(results)}
+    assert found["MTS"] == ("-0.125", "-0.014 ± 0.005 (table 5)")
+    # (-0.014 + 1.382) / (-0.067 + 1.382)
+    assert found["Human normalised score"] == ("1.500", "1.040")
+    assert found["Environments"] == ("128", "8,192")
+    # The winner of the first iteration has three epochs.
+    assert found["Epochs of a winner in an iteration"] == ("3", "3,000")
+    other = dataclasses.replace(results, params=dataclasses.replace(results.params, task="SwitchReachable"))
+    assert beside_paper(other) == []
+
+
+def test_outside_a_project_the_originals_numbers_are_not_known(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = {row.name: row.paper for row in beside_paper(results)}
+    assert (found["Environments"], found["Network"]) == ("not known", "not known")
+
+
+def test_the_papers_values_are_found_by_table_and_names():
+    values = maximum_training_success()
+    assert values[2, "PushBlock", "porse", "none"].mean == 0.318
+    assert values[6, "PushBlock", "porse", "none"].mean == 0.378
+    assert find_mts("PushBlock", "porse", "none").table == 6
+    assert find_mts("BlockStack", "porse", "cells-3000").mean == 0.763
+    assert find_mts("Quadcopter", "human-budget", "none") is None
+    # Humans and sparse rewards both reach 0 in Switch.
+    assert find_score("Switch", "porse", "none") is None
+    assert winners_weights()["Quadcopter", 2, "alpha"] == 0.214
+    assert {key[1] for key in values} <= {*TASK_CLASSES}
+    assert {key[2] for key in values} <= {*METHODS}
+    assert {key[3] for key in values} <= {*ABLATIONS}
+
+
+def test_a_film_is_in_the_page_itself_and_a_missing_one_is_said(results):
+    text = render(page_of(results, Film(b"GIF89a", 32, 24, "two seconds")))
+    assert 'src="data:image/gif;base64,R0lGODlh"' in text
+    assert "two seconds" in text
+    shown = html.unescape(render(page_of(results, NO_FILM)))
+    assert "No film of the winner: the run's policies are not beside its tables." in shown
 
 
 def test_what_mutants_varied_stands_beside_the_winners_weights(results):
@@ -403,7 +557,7 @@ class Tags(HTMLParser):
 
 
 def test_text_of_a_model_stays_text_wherever_it_stands(results):
-    text = render(page_of(results))
+    text = render(page_of(results, NO_FILM))
     tags = Tags(text)
     assert "script" not in tags.names
     # In the reward, the origin, the failure, the series, the verdict, the reply, who answered, the seed, the manifest.
@@ -413,7 +567,7 @@ def test_text_of_a_model_stays_text_wherever_it_stands(results):
 
 
 def test_the_page_needs_nothing_else_and_every_link_leads_to_a_place_on_it(results):
-    tags = Tags(render(page_of(results)))
+    tags = Tags(render(page_of(results, NO_FILM)))
     assert not {"link", "img", "iframe", "object"} & tags.names
     assert "src" not in tags.attributes
     assert tags.targets == {target for target in tags.targets if target.startswith("#")}
@@ -424,7 +578,7 @@ def test_the_page_needs_nothing_else_and_every_link_leads_to_a_place_on_it(resul
 def test_a_page_that_is_too_large_is_refused(results, monkeypatch):
     monkeypatch.setattr(page_module, "MOST_BYTES", 999)
     with pytest.raises(PorseError, match="expected a page of at most 999 bytes, found"):
-        render(page_of(results))
+        render(page_of(results, NO_FILM))
 
 
 # A real run.
@@ -443,7 +597,7 @@ def test_a_real_run_becomes_a_page_that_is_the_same_each_time(finished, tmp_path
     monkeypatch.chdir(root)
     pages = [tmp_path / name for name in ("once.html", "twice.html")]
     for path in pages:
-        done = CliRunner().invoke(main, ["report", str(finished), "--out", str(path)])
+        done = CliRunner().invoke(main, ["report", str(finished), "--no-film", "--out", str(path)])
         assert done.exit_code == 0, done.output
         assert done.output.startswith(f"{path}: ")
     text = pages[0].read_text()
@@ -459,7 +613,7 @@ def test_a_real_run_becomes_a_page_that_is_the_same_each_time(finished, tmp_path
         assert all(line in shown for line in row["reward_source"].splitlines())
     # Three candidates: each has fitness, sizes, share and cells at least; and three charts are of the run.
     assert len(results.run.candidates) == 3
-    assert text.count("<figure>") >= 3 * 4 + 3
+    assert text.count("<figcaption>") >= 3 * 4 + 3
     assert {"svg", "details", "table"} <= Tags(text).names
 
 
@@ -476,8 +630,8 @@ def test_a_run_that_is_not_finished_and_a_page_that_cannot_be_written_are_said_i
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(kills.tiny_params()))
     done = CliRunner().invoke(main, ["report", str(tmp_path)])
     assert (done.exit_code, "iterations.parquet, found no such file; run `dvc repro`" in done.output) == (1, True)
-    done = CliRunner().invoke(main, ["report", str(finished), "--out", str(tmp_path / "no" / "page.html")])
-    assert (done.exit_code, "expected to write the page to" in done.output) == (1, True)
+    done = CliRunner().invoke(main, ["report", str(finished), "--no-film", "--out", str(tmp_path / "no" / "page.html")])
+    assert (done.exit_code, "expected the folder" in done.output) == (1, True)
 
 
 def test_metrics_of_another_version_are_said_in_a_sentence(finished, tmp_path, root, monkeypatch):
@@ -493,5 +647,26 @@ def test_metrics_of_another_version_are_said_in_a_sentence(finished, tmp_path, r
 def test_an_installed_package_has_the_pages_templates(root):
     declared = __import__("tomllib").loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     assert declared["porse.report"] == ["pages/*"]
+    assert declared["porse.report.paper"] == ["*.csv"]
+    assert declared["porse.reporting"] == ["pages/*"]
     found = {path.name for path in (root / "porse" / "report" / "pages").iterdir()}
     assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "style.css"}
+
+
+# The film.
+
+
+def test_a_run_without_its_policies_and_one_of_an_own_task_have_words_in_the_films_place(params, tmp_path):
+    assert winner_film(params, tmp_path) == no_film("the run's policies are not beside its tables.")
+    # Its code may be anybody's: it is not imported to be shown.
+    own = winner_film(dataclasses.replace(params, task="no_such_module:Cart"), tmp_path)
+    assert (own.gif, "its code is not run" in own.words) == (b"", True)
+
+
+def test_where_nothing_can_be_drawn_the_page_says_what_to_do(params, tmp_path, monkeypatch):
+    policy = policy_file(tmp_path / "run" / str(params.iterations[-1].next) / "start", BEST)
+    policy.parent.mkdir(parents=True)
+    policy.touch()
+    monkeypatch.setenv("MUJOCO_GL", "no-such-renderer")
+    found = winner_film(params, tmp_path)
+    assert (found.gif, "expected no-such-renderer to draw a picture" in found.words) == (b"", True)

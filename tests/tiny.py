@@ -43,6 +43,8 @@ def make_project(project: Path, params: dict[str, Any], venv: Path) -> Path:
     (project / ".venv").symlink_to(venv)
     run(project, "git", "init", "-q")
     dvc(project, "init", "-q")
+    # The templates that `plots` of dvc.yaml names.
+    shutil.copytree(ROOT / ".dvc" / "plots", project / ".dvc" / "plots", dirs_exist_ok=True)
     return project
 
 

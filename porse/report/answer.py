@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from porse.config import Params
+from porse.config import ROOT, Params
 from porse.methods import ABLATIONS, METHODS
-from porse.report.charts import Chart, Line, Mark
+from porse.presets import GIVEN, find_preset, preset_file
+from porse.report import paper
+from porse.report.charts import Chart, Line, Mark, Point
+from porse.report.detail import STREAMS, series_of
 from porse.report.figures import LENGTHS, chain_fitness
 from porse.report.results import Results
 from porse.search.schedule import mutants, varied
@@ -21,6 +24,23 @@ _MEASURED = {
     "budget": "policies trained with the whole budget",
 }
 """What each human normalised score is measured against."""
+
+_WRITERS = {
+    "model": "the model {params.llm.model}",
+    "grammar": "a seeded grammar, no model",
+    "files": "the files in functions/{params.generate.functions}",
+}
+_NOTHING_GIVEN = {section: dict.fromkeys(keys) for section, keys in GIVEN.items()}
+"""Parameters of which the preset gives all that it can."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A name, what it is here, and what it is in the paper."""
+
+    name: str
+    here: str
+    paper: str
 
 
 @dataclass(frozen=True)
@@ -57,16 +77,11 @@ def asked(params: Params) -> list[Fact]:
             "Fitness": task.FITNESS,
         }
         facts += [Fact(name, text) for name, text in texts.items() if text]
-    writer = {
-        "model": f"the model {params.llm.model}",
-        "grammar": "a seeded grammar, no model",
-        "files": f"the files in functions/{params.generate.functions}",
-    }
     return [
         *facts,
         Fact("Method", params.method, _replaced(METHODS[params.method])),
         Fact("Ablation", params.ablation, _replaced(ABLATIONS[params.ablation])),
-        Fact("Functions written by", writer[params.generator]),
+        Fact("Functions written by", _WRITERS[params.generator].format(params=params)),
         Fact("Seed", str(params.seed), f"numeric profile {params.numerics}"),
     ]
 
@@ -101,28 +116,136 @@ def answers(results: Results) -> list[Fact]:
     return facts
 
 
+def beside_paper(results: Results) -> list[Beside]:
+    """Returns MTS and human normalised score beside those of the paper, then what differs; empty where it has no such task."""
+    params, metrics = results.params, results.metrics
+    value = paper.find_mts(params.task, params.method, params.ablation)
+    if value is None:
+        return []
+    own, theirs = params.train, _original(params.task)
+    longest = max(sum(1 for row in results.run.curves if _is_fitness_of(row, each)) for each in results.iterations)
+    spread = "" if value.std is None else f" ± {figure(value.std)}"
+    score = paper.find_score(params.task, params.method, params.ablation)
+    hns = metrics["hns"]["lineage"]
+    return [
+        Beside("MTS", figure(metrics["mts"]), f"{figure(value.mean)}{spread} (table {value.table})"),
+        Beside("Human normalised score", figure(hns), figure(score)),
+        Beside("Seeds", "1", str(paper.SEEDS)),
+        Beside("Simulator", "MuJoCo (docs/tasks.md)", paper.SIMULATOR),
+        Beside("Model", _WRITERS[params.generator].format(params=params), paper.MODEL),
+        Beside("Environments", figure(own.num_envs), _given(theirs, "num_envs")),
+        Beside("Steps of each in an epoch", figure(own.steps_per_epoch), _given(theirs, "steps_per_epoch")),
+        Beside("Epochs of a winner in an iteration", figure(longest), figure(paper.POLICY_EPOCHS)),
+        Beside("Epochs of the whole run", figure(metrics["epochs_spent"]), figure(paper.EPOCHS)),
+        Beside("Network", _network(own.hidden), _network(theirs["hidden"]) if theirs else "not known"),
+    ]
+
+
 def winners_chart(results: Results) -> Chart:
-    """Returns the chart of fitness along the lineage of winners, with a mark where each link and each rung begins."""
+    """Returns the chart of fitness along the lineage of winners, with a mark where a link and where a rung begins, and at the end.
+
+    One with a word stands where a link begins. Every mark but the first says how many mutants came and how many candidates went
+    in the rungs since the one before.
+    """
     points = chain_fitness(results.run.curves, results.evaluation.chain)
-    lines, marks = [], []
+    order = [str(rung.rung) for rung in results.params.rungs]
     rungs = {
         (row["iteration"], row["candidate_id"], row["epoch"]): row["rung"]
         for row in results.run.curves
         if row["series"] == "fitness"
     }
+    turnover = _turnover(results.run.scores, order)
+    marks: list[Mark] = []
     previous: tuple[Any, Any] = (None, None)
-    epoch_of_link = 0
+    epoch_of_link = ended = 0
     for number, (link, _) in enumerate(points, 1):
         name = (link["iteration"], link["candidate_id"])
-        epoch_of_link = epoch_of_link + 1 if previous[0] == name else 1
+        begins = previous[0] != name
+        epoch_of_link = 1 if begins else epoch_of_link + 1
         rung = rungs.get((*name, epoch_of_link))
-        if previous[0] != name:
-            marks.append(Mark(number, f"{link['iteration']}: {link['origin']}"))
-        elif previous[1] != rung:
-            marks.append(Mark(number))
+        if begins or previous[1] != rung:
+            until = len(order) if begins else order.index(str(rung))
+            gone = turnover.get(previous[0][0], [])[ended:until] if previous[0] else []
+            ended = 0 if begins else until
+            marks.append(Mark(number, f"{name[0]}: {link['origin']}" if begins else "", *_came_and_went(gone)))
         previous = (name, rung)
-    lines.append(Line("fitness of the winner", [(n, value) for n, (_, value) in enumerate(points, 1)], strong=True))
-    return Chart("Fitness along the lineage of winners", "epoch of the lineage", "fitness", lines, marks)
+    if points:
+        marks.append(Mark(len(points), "", *_came_and_went(turnover.get(previous[0][0], [])[ended:])))
+    line = Line("fitness", [(n, value) for n, (_, value) in enumerate(points, 1)], strong=True)
+    return Chart("Fitness along the lineage of winners", "epoch of the lineage", "fitness", [line], marks, wide=True)
+
+
+def lineage_charts(results: Results) -> list[Chart]:
+    """Returns the charts of goal and bonus along the lineage of winners, those that there are."""
+    series = series_of(results.run.curves)
+    marks: list[Mark] = []
+    lines: dict[str, list[Point]] = {}
+    before = 0
+    for link in results.evaluation.chain:
+        own = series.get((link["iteration"], link["candidate_id"]), {})
+        marks.append(Mark(before + 1, str(link["iteration"])))
+        epochs = [int(epoch) for epoch, _ in own.get("fitness", [])]
+        if not epochs:
+            continue
+        for name in {name for *_, named in STREAMS for name in named if name in own}:
+            points = lines.setdefault(name, [])
+            points += [(before + 1 + epoch - epochs[0], value) for epoch, value in own[name]]
+        before += epochs[-1] - epochs[0] + 1
+    return [
+        Chart(
+            title,
+            "epoch of the lineage",
+            unit,
+            [Line(word, lines[name]) for name, word in names.items() if name in lines],
+            marks,
+        )
+        for title, unit, names in STREAMS
+        if any(name in lines for name in names)
+    ]
+
+
+def _turnover(scores: Sequence[Row], order: Sequence[str]) -> dict[int, list[tuple[int, int]]]:
+    """Returns, by iteration, for each of its rungs how many candidates first took part in it, and how many went after it.
+
+    Those of the first rung are none that came: the iteration began with them.
+    """
+    found: dict[int, list[tuple[int, int]]] = {}
+    for iteration in dict.fromkeys(row["iteration"] for row in scores):
+        seen: set[str] = set()
+        for place, rung in enumerate(order):
+            own = [row for row in scores if (row["iteration"], row["rung"]) == (iteration, rung)]
+            names = {row["candidate_id"] for row in own}
+            came = len(names - seen) if place else 0
+            seen |= names
+            found.setdefault(iteration, []).append((came, sum(not row["survives"] for row in own)))
+    return found
+
+
+def _came_and_went(rungs: Sequence[tuple[int, int]]) -> tuple[str, str]:
+    came, went = (sum(each[place] for each in rungs) for place in (0, 1))
+    return f"+{came}" if came else "", f"\u2212{went}" if went else ""
+
+
+def _is_fitness_of(row: Row, iteration: Row) -> bool:
+    """Returns whether a row of the curves is one of the fitness of an iteration's winner."""
+    name = (iteration["iteration"], iteration["winner_id"], "fitness")
+    return (row["iteration"], row["candidate_id"], row["series"]) == name
+
+
+def _original(task: str) -> Mapping[str, Any]:
+    """Returns the numbers of the original's training, which the preset of size `paper` holds; none outside a project."""
+    if not (ROOT / preset_file(task)).is_file():
+        return {}
+    preset = find_preset({**_NOTHING_GIVEN, "task": task, "size": "paper"}, task, ROOT)
+    return preset.values["train"] if preset else {}
+
+
+def _given(values: Mapping[str, Any], key: str) -> str:
+    return figure(values[key]) if key in values else "not known"
+
+
+def _network(hidden: Sequence[int]) -> str:
+    return " x ".join(map(str, hidden))
 
 
 def weights(results: Results) -> list[dict[str, Any]]:

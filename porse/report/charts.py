@@ -1,12 +1,13 @@
 """Line charts as numbers: where axes, ticks and lines go. The macros of `pages/charts.jinja` draw them as SVG."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import TypeVar
 
-WIDTH, HEIGHT = 480, 240
-"""Of a drawing, in units of its view box."""
+WIDTH, WIDE, HEIGHT = 480, 960, 240
+"""Of a drawing, in units of its view box; `WIDE` is the width of one that takes the whole page."""
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 18, 40
 """Of the margins around the field that the lines are in."""
 MOST_POINTS = 120
@@ -15,34 +16,48 @@ COLOURS = 8
 """How many the style sheet has; further lines are dashed."""
 
 Point = tuple[float, float]
+Edge = tuple[float, float, float]
+"""x, and the lower and the upper end of a band there."""
+_Place = TypeVar("_Place", bound=tuple[float, ...])
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line: its name, its points in the order of x, and whether it stands out."""
+    """One line.
+
+    Attributes:
+        name: what it is of.
+        points: in the order of x.
+        strong: whether it stands out.
+        band: edges around it, in the order of x; empty for none.
+    """
 
     name: str
     points: Sequence[Point]
     strong: bool = False
+    band: Sequence[Edge] = ()
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A vertical line at `x`, with a word above it; empty for none."""
+    """A vertical line at `x`, with a word above it, and below its upper end what came and what went; empty for none."""
 
     x: float
     word: str = ""
+    came: str = ""
+    went: str = ""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What a chart shows: its title, its axes, its lines, its marks."""
+    """What a chart shows: its title, its axes, its lines, its marks, and whether it takes the whole page's width."""
 
     title: str
     x_label: str
     y_label: str
     lines: Sequence[Line]
     marks: Sequence[Mark] = ()
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,6 +69,14 @@ class Tick:
 
 
 @dataclass(frozen=True)
+class Rule:
+    """A mark in its place."""
+
+    at: float
+    mark: Mark
+
+
+@dataclass(frozen=True)
 class Stroke:
     """One line of a drawing.
 
@@ -62,12 +85,14 @@ class Stroke:
         style: its classes in the style sheet.
         paths: points of each unbroken part, as SVG writes them.
         dots: parts that are a single point.
+        areas: outlines of its band.
     """
 
     name: str
     style: str
     paths: Sequence[str]
     dots: Sequence[Point]
+    areas: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -77,8 +102,13 @@ class Drawing:
     chart: Chart
     x_ticks: Sequence[Tick]
     y_ticks: Sequence[Tick]
-    marks: Sequence[Tick]
+    marks: Sequence[Rule]
     strokes: Sequence[Stroke]
+
+    @property
+    def width(self) -> int:
+        """Its width; a wide one is drawn with the same letters."""
+        return _width(self.chart)
 
 
 def draw(chart: Chart) -> Drawing | None:
@@ -86,28 +116,34 @@ def draw(chart: Chart) -> Drawing | None:
     finite = [point for line in chart.lines for point in line.points if all(map(math.isfinite, point))]
     if not finite:
         return None
-    x_low, x_high = _range([x for x, _ in finite])
-    y_low, y_high = _range([y for _, y in finite])
+    edges = [edge for line in chart.lines for _, *ends in line.band for edge in ends if math.isfinite(edge)]
+    x_low, x_high = spread_apart([x for x, _ in finite])
+    y_low, y_high = spread_apart([*(y for _, y in finite), *edges])
+    width = _width(chart)
 
     def place(x: float, y: float) -> Point:
         across = (x - x_low) / (x_high - x_low)
         up = (y - y_low) / (y_high - y_low)
         return (
-            round(LEFT + across * (WIDTH - LEFT - RIGHT), 1),
+            round(LEFT + across * (width - LEFT - RIGHT), 1),
             round(HEIGHT - BOTTOM - up * (HEIGHT - TOP - BOTTOM), 1),
         )
 
     strokes = []
-    for index, line in enumerate(chart.lines):
+    for line, style in zip(chart.lines, _styles(chart.lines), strict=True):
         parts = [[place(*point) for point in thinned(part)] for part in _unbroken(line.points)]
-        style = f"c{index % COLOURS}{' dashed' if index >= COLOURS else ''}{' strong' if line.strong else ''}"
         paths = [" ".join(f"{x:g},{y:g}" for x, y in part) for part in parts if len(part) > 1]
-        strokes.append(Stroke(line.name, style, paths, [part[0] for part in parts if len(part) == 1]))
+        outlines = [
+            [*(place(x, low) for x, low, _ in part), *(place(x, high) for x, _, high in reversed(part))]
+            for part in map(thinned_band, _unbroken(line.band))
+        ]
+        areas = [" ".join(f"{x:g},{y:g}" for x, y in outline) for outline in outlines]
+        strokes.append(Stroke(line.name, style, paths, [part[0] for part in parts if len(part) == 1], areas))
     return Drawing(
         chart,
         [Tick(place(x, y_low)[0], f"{x:g}") for x in ticks(x_low, x_high) if float(x).is_integer()],
         [Tick(place(x_low, y)[1], f"{y:g}") for y in ticks(y_low, y_high)],
-        [Tick(place(mark.x, y_low)[0], mark.word) for mark in chart.marks if x_low <= mark.x <= x_high],
+        [Rule(place(mark.x, y_low)[0], mark) for mark in chart.marks if x_low <= mark.x <= x_high],
         strokes,
     )
 
@@ -139,7 +175,34 @@ def thinned(points: Sequence[Point]) -> list[Point]:
     return kept
 
 
-def _range(values: Sequence[float]) -> Point:
+def _styles(lines: Sequence[Line]) -> Iterator[str]:
+    """Yields the classes of each line: a colour of its own; that of the ink for one that stands out among others."""
+    among = not all(line.strong for line in lines)
+    index = 0
+    for line in lines:
+        if line.strong and among:
+            yield "ink strong"
+            continue
+        yield f"c{index % COLOURS}{' dashed' if index >= COLOURS else ''}{' strong' if line.strong else ''}"
+        index += 1
+
+
+def _width(chart: Chart) -> int:
+    return WIDE if chart.wide else WIDTH
+
+
+def thinned_band(edges: Sequence[Edge]) -> list[Edge]:
+    """Returns at most half of `MOST_POINTS` edges: of each of equal stretches its middle, and its lowest and highest end."""
+    stretches = MOST_POINTS // 2
+    if len(edges) <= stretches:
+        return list(edges)
+    parts = [
+        edges[number * len(edges) // stretches : (number + 1) * len(edges) // stretches] for number in range(stretches)
+    ]
+    return [(part[len(part) // 2][0], min(low for _, low, _ in part), max(high for *_, high in part)) for part in parts]
+
+
+def spread_apart(values: Sequence[float]) -> Point:
     """Returns the lowest and the highest value, pulled apart where they are (nearly) equal."""
     low, high = min(values), max(values)
     least = max(abs(low), abs(high), 1.0) * 1e-6
@@ -149,6 +212,6 @@ def _range(values: Sequence[float]) -> Point:
     return low, high
 
 
-def _unbroken(points: Iterable[Point]) -> list[list[Point]]:
+def _unbroken(points: Iterable[_Place]) -> list[list[_Place]]:
     runs = groupby(points, key=lambda point: all(map(math.isfinite, point)))
     return [list(run) for is_finite, run in runs if is_finite]

@@ -13,6 +13,13 @@ from porse.tables import Row
 
 KINDS = ("reward", "mapping")
 
+STREAMS: Sequence[tuple[str, str, Mapping[str, str]]] = (
+    ("Size of goal and bonus", "deviation", {"goal_size": "goal", "bonus_size": "bonus"}),
+    ("Share of the bonus", "share", {"bonus_share": "share"}),
+    ("Cells visited", "share", {"cells_visited": "share"}),
+)
+"""Charts of goal and bonus: title, unit, and the words for their series."""
+
 Series = Mapping[str, Sequence[Point]]
 """The points of each series of one candidate, by name, in the order of epochs."""
 
@@ -106,17 +113,15 @@ def dropped(run: Run, iteration: int) -> list[list[Attempt]]:
 
 def charts(series: Series) -> list[Chart]:
     """Returns the charts of a candidate's series, those that there are."""
-    groups = [
-        ("Fitness", "fitness", ["fitness"], ""),
-        ("Components of the reward", "mean", _below(series, "component/"), "component/"),
-        ("Progress variables", "mean", _below(series, "progress/"), "progress/"),
-        ("Size of goal and bonus", "deviation", ["goal_size", "bonus_size"], ""),
-        ("Share of the bonus", "share", ["bonus_share"], ""),
-        ("Cells visited", "share", ["cells_visited"], ""),
+    groups: list[tuple[str, str, Mapping[str, str]]] = [
+        ("Fitness", "fitness", {"fitness": "fitness"}),
+        ("Components of the reward", "mean", _below(series, "component/")),
+        ("Progress variables", "mean", _below(series, "progress/")),
+        *STREAMS,
     ]
     found = []
-    for title, y_label, names, prefix in groups:
-        lines = [Line(name.removeprefix(prefix), series[name]) for name in names if name in series]
+    for title, y_label, words in groups:
+        lines = [Line(word, series[name]) for name, word in words.items() if name in series]
         if lines:
             found.append(Chart(title, "epoch of the iteration", y_label, lines))
     return found
@@ -144,5 +149,6 @@ def _slot(run: Run, verdict: Row) -> list[Attempt]:
     return [Attempt(row, texts.get(tuple(row[name] for name in (*place, "attempt")), "")) for row in ordered]
 
 
-def _below(series: Series, prefix: str) -> list[str]:
-    return sorted(name for name in series if name.startswith(prefix))
+def _below(series: Series, prefix: str) -> dict[str, str]:
+    """Returns the series whose names begin with `prefix`, in the order of names, each with the rest of its name."""
+    return {name: name.removeprefix(prefix) for name in sorted(series) if name.startswith(prefix)}

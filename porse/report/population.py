@@ -1,11 +1,19 @@
 """The population of an iteration as a tree, and how far each candidate came: pure functions over rows."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from porse.report.run import Run
 from porse.tables import Row
+
+ENDS: Mapping[str, str] = {
+    "won": "won its iteration",
+    "stayed": "trained to the end",
+    "dropped": "eliminated",
+    "failed": "failed",
+}
+"""How the way of a candidate ends, and the words for it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,7 @@ class Member:
         stops: the rungs that it was ranked in, in their order.
         won: whether it won the iteration.
         end: how its way ended, in words.
+        parents: their places on the page; they are of this iteration or of an earlier one.
     """
 
     row: Row
@@ -48,6 +57,17 @@ class Member:
     stops: Sequence[Stop]
     won: bool
     end: str
+    parents: Sequence[str]
+
+    @property
+    def kind(self) -> str:
+        """How its way ended, in one of `ENDS`."""
+        if self.won:
+            return "won"
+        last = self.stops[-1] if self.stops else None
+        if last is None or last.failed or self.row["failure"]:
+            return "failed"
+        return "stayed" if last.survives else "dropped"
 
     @property
     def anchor(self) -> str:
@@ -78,7 +98,8 @@ def members(run: Run, iteration: int, winner_id: str, rungs: Sequence[str]) -> l
     for row, depth in _tree(rows):
         stops = _stops(run, row, rungs)
         won = row["candidate_id"] == winner_id
-        found.append(Member(row, depth, stops, won, _end(run, row, stops, won)))
+        above = [anchor(parent) for parent in parents(run, row)]
+        found.append(Member(row, depth, stops, won, _end(run, row, stops, won), above))
     return found
 
 

@@ -72,7 +72,7 @@ def read_results(folder: Path) -> Results:
     )
     chain = lineage(run.incumbents, [score for _, score in held], params)
     evaluation = Evaluation(chain, rows(tables.EVALUATION), rows(tables.SEEDS), rows(tables.EPISODES))
-    return Results(params, run, iterations, evaluation, _metrics(folder / "metrics.json"), _environment(folder))
+    return Results(params, run, iterations, evaluation, read_metrics(folder / "metrics.json"), _environment(folder))
 
 
 def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Params) -> list[tuple[Row, float]]:
@@ -99,7 +99,12 @@ def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Par
     return held
 
 
-def _metrics(path: Path) -> Mapping[str, Any]:
+def read_metrics(path: Path) -> Mapping[str, Any]:
+    """Returns what a run's `metrics.json` holds.
+
+    Raises:
+        PorseError: there is no such file, it holds no JSON object, or it is another version's.
+    """
     found = _json(path)
     if found is None:
         raise PorseError(f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first")

@@ -17,6 +17,7 @@ from porse.report.figures import (
     final_success,
     task_scores,
 )
+from porse.report.plots import bonus_rows, component_rows, spread_rows
 from porse.report.run import Evaluation, Run
 from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
@@ -126,6 +127,12 @@ def write_summary(
     _write_csv(plots / "fitness.csv", ("epoch", "fitness", "candidate"), lines)
     shown = ("iteration", "score", "mts", "winner_mts", "beta", "alpha")
     _write_csv(plots / "iterations.csv", shown, ([row[name] for name in shown] for row in iterations))
+    for name, (header, *lines_of) in (
+        ("candidates", spread_rows(run.curves)),
+        ("bonus", bonus_rows(run.curves, evaluation.chain)),
+        ("components", component_rows(run.curves, evaluation.chain)),
+    ):
+        _write_csv(plots / f"{name}.csv", [str(word) for word in header], lines_of)
     return iterations
 
 

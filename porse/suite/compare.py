@@ -98,24 +98,29 @@ def compared(suite: Suite, folders: Folders, baseline: str, figures: Sequence[Fi
 
 
 def paired(differences: Sequence[float]) -> dict[str, float | None]:
-    """Returns the mean of paired differences and its 95 % interval (BCa bootstrap, SciPy).
-
-    The interval is None for fewer than two pairs; it is the mean itself where all differences are equal.
-    """
+    """Returns the mean of paired differences and its 95 % interval, see `mean_interval`; all None where there are no pairs."""
     if not differences:
         return {"difference": None, "low": None, "high": None}
-    mean = math.fsum(differences) / len(differences)
-    if len(differences) < 2:
-        return {"difference": mean, "low": None, "high": None}
-    if min(differences) == max(differences):
-        return {"difference": mean, "low": mean, "high": mean}
+    return dict(zip(("difference", "low", "high"), mean_interval(differences), strict=True))
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float, float | None, float | None]:
+    """Returns the mean of values, at least one, and the ends of its 95 % interval (BCa bootstrap, SciPy).
+
+    The ends are None for fewer than two values; they are the mean itself where all values are equal.
+    """
+    mean = math.fsum(values) / len(values)
+    if len(values) < 2:
+        return mean, None, None
+    if min(values) == max(values):
+        return mean, mean, mean
     with warnings.catch_warnings():
-        # With few pairs the acceleration may be undefined; the interval is then NaN, and the percentile one stands in.
+        # With few values the acceleration may be undefined; the interval is then NaN, and the percentile one stands in.
         warnings.simplefilter("ignore")
-        interval = _interval(differences, "BCa")
+        interval = _interval(values, "BCa")
         if not all(map(math.isfinite, interval)):
-            interval = _interval(differences, "percentile")
-    return {"difference": mean, "low": interval[0], "high": interval[1]}
+            interval = _interval(values, "percentile")
+    return mean, *interval
 
 
 def _interval(values: Sequence[float], method: str) -> tuple[float, float]:
