@@ -1211,3 +1211,16 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     after = read_pool(tmp_path / "out").candidates
     assert [(r["alpha"], r["epochs"]) for r in after] == [(0.0, 5), (0.0, 5), (0.5, 2), (1.0, 2), (0.5, 2), (1.0, 2)]
     assert len({entry.seed for entry in probed + going}) == 1
+
+
+def test_probes_that_another_one_beat_are_numbered_behind_the_last_slot(small, pretended, fusible, tmp_path):
+    """2 candidates, 2 probes each that are spread and 2 that follow one by one, to epoch 2; then one of each to epoch 5."""
+    pool = Pool(fusible.folder, [row("a", 4, iteration=2), row("b", 2, iteration=2)], [])
+    roska = changed(small, train={"rung_epochs": 5}, probe={"trainings": 4, "initial": 2, "share": 0.4})
+    search_rung(pool, roska, 2, "1", 5, tmp_path / "out")
+    assert [len(jobs) for jobs in pretended.jobs] == [4, 2, 2, 2]
+    # 2 x (4 x 2 + 3)
+    assert [entry[:3] for entry in Bar.shown] == [("iteration 2 rung 1", 2, 22)]
+    after = read_pool(tmp_path / "out").candidates
+    assert {r["parent_id"]: r["slot"] for r in after if r["epochs"] == 5} == {"a": 4, "b": 2}
+    assert sorted(r["slot"] for r in after if r["epochs"] == 2) == [5, 6, 7, 8, 9, 10]
