@@ -1063,6 +1063,27 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
             np.testing.assert_allclose(fused[name], np.broadcast_to(expected, array.shape), atol=1e-6)
 
 
+def test_every_link_of_a_long_lineage_goes_on_from_the_one_before(small, pretended, tmp_path, monkeypatch):
+    chain = [row(str(place), place, iteration=place + 1, alpha=0.5) for place in range(5)]
+    like = random_policy(small, 1).arrays
+
+    def train(jobs, params, on_report):
+        outcomes = pretended(jobs, params, on_report)
+        for entry in jobs:
+            # all numbers of a policy say how many links it comes after
+            content = {name: np.full_like(array, len(pretended.jobs)) for name, array in like.items()}
+            write_checkpoint(entry.finish, policy_checkpoint(content))
+        return outcomes
+
+    monkeypatch.setattr(evaluation_module, "train_pool", train)
+    _, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 3}), tmp_path)
+    assert [(entry["seed"], entry["links"]) for entry in seeds] == [(1, 5), (2, 5), (3, 5)]
+    # a fusion keeps what the better policy has seen of the observations
+    seen = next(name for name in like if "actor.obs_normalizer" in name)
+    starts = [[read_checkpoint(entry.start).arrays[seen].max() for entry in jobs] for jobs in pretended.jobs[1:]]
+    assert starts == [[1, 1, 1], [2, 2, 2], [3, 3, 3], [4, 4, 4]]
+
+
 def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monkeypatch):
     chain = [row("first", 0, iteration=1), row("second", 1, iteration=2)]
     like = random_policy(small, 1)
