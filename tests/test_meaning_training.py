@@ -811,6 +811,10 @@ def test_the_forms_of_a_bonus_are_lambda_times_what_they_say(small, made, tmp_pa
     # means 4 visits / 2 cells and 5 / 2; gamma 0.99: 0.01 x sqrt(2 / 1), sqrt(2 / 3), sqrt(2.5 / 2)
     expected = [0.0025 * 2**0.5, 0.0025 * (2 / 3) ** 0.5, 0.0025 * 1.25**0.5]
     assert lone(small, made, tmp_path, form="relative", lambda_=0.25) == pytest.approx(expected)
+    # gamma 0.4: 0.6 takes the place of 0.01
+    shorter = changed(small, train={"gamma": 0.4})
+    expected = [60.0 * amount for amount in expected]
+    assert lone(shorter, made, tmp_path, form="relative", lambda_=0.25) == pytest.approx(expected)
     # the returns of the 8 environments' first step are the rarities themselves
     first = torch.tensor([3**-0.5] * 3 + [1.0] + [0.0] * 4, dtype=torch.float64)
     own, other, _ = lone(small, made, tmp_path, form="calibrated", lambda_=0.25)
@@ -1130,7 +1134,7 @@ def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluati
 class Played(Task):
     """Three environments: episodes of 2, 5 and 3 steps, and then of 1 step each, all at once.
 
-    The sparse reward is 11, 20 and 30 times the step.
+    The first one's end by failure, the second one's by the time limit, the third one's by both in one step. The sparse reward is 11, 20 and 30 times the step.
     """
 
     LENGTHS: ClassVar = [2, 5, 3]
@@ -1158,7 +1162,7 @@ class Played(Task):
         return (self.ages >= self.limits) & torch.tensor([True, False, True])
 
     def timed_out(self):
-        return (self.ages >= self.limits) & torch.tensor([False, True, False])
+        return (self.ages >= self.limits) & torch.tensor([False, True, True])
 
     def reset(self, mask):
         self.ages[mask], self.limits[mask] = 0, 1
