@@ -1,19 +1,23 @@
 """What the processes of trainings may use, in which order they start, and what is told of them: real ones, whose work is a stand-in."""
 
+import json
 import os
 import re
 import signal
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+import porse.training.bar as bar_module
 import porse.training.candidate as candidate_module
 import porse.training.executor as executor_module
 import porse.training.limits as limits_module
 import porse.training.local as local_module
 from porse.errors import CheckpointError
+from porse.training.bar import PLAN_VARIABLE, PROGRESS_VARIABLE, TENSORBOARD_VARIABLE, RungBar, in_words
 from porse.training.executor import EXECUTOR_VARIABLE, executor_from_environment
 from porse.training.inline import Inline
 from porse.training.job import Job, Outcome, Report
@@ -403,3 +407,78 @@ def test_a_reason_is_cut_beyond_400_letters_and_shows_three_lines():
     assert reason_of(ValueError("odd")) == "ValueError: odd"
     assert reason_of(ValueError()) == "ValueError"
     assert [lacks_memory(error) for error in (MemoryError(), RuntimeError("DefaultCPUAllocator: not enough memory"), RuntimeError("odd"))] == [True, True, False]  # fmt: skip
+
+
+# The bar.
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands still until it is moved."""
+    hands = SimpleNamespace(now=5.0, time=time.time)
+    hands.monotonic = lambda: hands.now
+    monkeypatch.setattr(bar_module, "time", hands)
+    for name in (PROGRESS_VARIABLE, PLAN_VARIABLE, TENSORBOARD_VARIABLE):
+        monkeypatch.delenv(name, raising=False)
+    return hands
+
+
+def told(label, monkeypatch, tmp_path, clock, reports):
+    """A rung of 3 candidates and 3 epochs of 100 steps, the third of 9 stages, with 20 epochs after it; seen 10 s after its start."""
+    plan = {"rungs": {"rung 1": {"stage": 3, "epochs_after": 20}}, "stages": 9}
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    monkeypatch.setenv(PLAN_VARIABLE, str(tmp_path / "plan.json"))
+    with RungBar(label, 3, 3, 100) as bar:
+        clock.now = 15.0
+        for report in reports:
+            bar.tell(report)
+
+
+FALLING = [Report("a", 1, -0.5), Report("b", 1, -0.2), Report("a", 2, -0.7), Report("b", 2, -0.9)]
+
+
+def test_the_time_left_is_that_of_all_epochs_to_come_at_this_rungs_speed(monkeypatch, tmp_path, clock, capsys):
+    monkeypatch.setenv(PROGRESS_VARIABLE, "json")
+    told("rung 1", monkeypatch, tmp_path, clock, FALLING)
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    names = ("event", "epochs_done", "steps_per_second", "best_fitness", "seconds_left")
+    assert [tuple(line[name] for name in names) for line in lines] == [
+        ("rung", 0, 0.0, None, None),
+        # (2 + 20) x 10 / 1, (1 + 20) x 10 / 2, 20 x 10 / 3; and an epoch more than was planned takes nothing off
+        ("epoch", 1, 10.0, -0.5, 220.0),
+        ("epoch", 2, 20.0, -0.2, 105.0),
+        ("epoch", 3, 30.0, -0.2, 66.7),
+        ("epoch", 4, 40.0, -0.2, 50.0),
+        ("done", 4, 40.0, -0.2, 50.0),
+    ]
+    assert [(line["stage"], line["stages"], line["candidates"], line["epochs"]) for line in lines] == [(3, 9, 3, 3)] * 6
+
+
+@pytest.mark.parametrize(("label", "head"), [("rung 1", "[3/9] rung 1"), ("another", "another")])
+def test_a_rungs_line_says_stage_speed_and_best_fitness(monkeypatch, tmp_path, clock, capsys, label, head):
+    told(label, monkeypatch, tmp_path, clock, FALLING[:3])
+    assert capsys.readouterr().out == f"{head}: 3 candidates, 3 epochs, 30 steps/s, best fitness -0.200\n"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(59.4, "59 s"), (60.0, "1 min"), (3569.0, "59 min"), (3571.0, "1 h 0 min"), (7500.0, "2 h 5 min")],
+)
+def test_a_length_of_time_is_in_its_own_units(seconds, words):
+    assert in_words(seconds) == words
+
+
+@pytest.mark.parametrize(
+    ("candidates", "lines", "own"),
+    [(1, 40, False), (2, 40, True), (12, 40, True), (13, 40, False), (6, 10, True), (7, 10, False)],
+)
+def test_each_of_a_few_candidates_has_a_bar_where_the_terminal_has_room(monkeypatch, candidates, lines, own):
+    monkeypatch.setenv("LINES", str(lines))
+    bars = bar_module._Bars("rung", candidates, 9)
+    for fitness in (-0.5, -0.2, -0.9):
+        bars.advance("a", "said", fitness)
+    rung, *each = bars._progress.tasks
+    assert (rung.description, rung.total, rung.completed, rung.fields["said"]) == ("rung", 9, 3, "said")
+    assert [(bar.description, bar.total, bar.completed, bar.fields["said"]) for bar in each] == (
+        [("  a", 9 / candidates, 3, "best fitness -0.200")] if own else []
+    )
