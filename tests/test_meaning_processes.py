@@ -114,6 +114,15 @@ def test_limits_are_what_the_variables_say(monkeypatch):
         limits_from_environment()
 
 
+@pytest.mark.parametrize("value", ["0", "00", "-1", "two", "1.5", " 1", "\u0663"])
+def test_a_limit_is_a_whole_number_from_1_on(monkeypatch, value):
+    monkeypatch.setenv(WORKERS_VARIABLE, "1")
+    assert limits_module.workers() == 1
+    monkeypatch.setenv(WORKERS_VARIABLE, value)
+    with pytest.raises(limits_module.ParamsError, match=f"expected {WORKERS_VARIABLE} to be a whole number from 1"):
+        limits_module.workers()
+
+
 @pytest.mark.parametrize(("known", "cpus"), [(7, 7), (None, 1)])
 def test_where_the_system_does_not_say_which_cpus_a_process_may_use_all_are_used(monkeypatch, known, cpus):
     monkeypatch.delattr(os, "sched_getaffinity")
@@ -398,6 +407,21 @@ def test_an_error_of_the_program_is_raised_here_and_the_others_are_ended(works, 
         outcomes_of(local(), jobs(tmp_path, "ab"), small)
     with pytest.raises(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.mark.parametrize("executor", ["local", "inline"])
+def test_an_error_of_the_program_ends_a_pool_and_leaves_no_file(works, small, tmp_path, monkeypatch, executor):
+    def train(job, params, report):
+        if job.name == "b":
+            raise CheckpointError("it is damaged")
+        return ended_well(job, params, report)
+
+    works(train)
+    monkeypatch.setenv(EXECUTOR_VARIABLE, executor)
+    monkeypatch.setenv(WORKERS_VARIABLE, "1")
+    with pytest.raises(CheckpointError, match=r"^it is damaged$"):
+        train_pool(jobs(tmp_path, "abc"), small, lambda event: None)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_reason_is_cut_beyond_400_letters_and_shows_three_lines():
