@@ -1,5 +1,6 @@
 """What the processes of trainings may use, in which order they start, and what is told of them: real ones, whose work is a stand-in."""
 
+import dataclasses
 import json
 import os
 import re
@@ -217,7 +218,7 @@ def test_a_pause_of_this_process_is_nobodys_silence(works, small, tmp_path, monk
     class Clock:
         """So much time passes between any two looks at it."""
 
-        now = 100.0
+        now = 8.0 - between
 
         def monotonic(self):
             self.now += between
@@ -241,7 +242,9 @@ def test_a_pause_of_this_process_is_nobodys_silence(works, small, tmp_path, monk
 # Order.
 
 
-def test_trainings_start_in_their_order_and_as_many_run_at_once_as_there_is_room_for(works, small, tmp_path):
+def test_trainings_start_in_their_order_and_as_many_run_at_once_as_there_is_room_for(
+    works, small, tmp_path, monkeypatch
+):
     book = tmp_path / "book"
 
     def note(text):
@@ -267,9 +270,13 @@ def test_trainings_start_in_their_order_and_as_many_run_at_once_as_there_is_room
         note(f"-{job.name}")
         return Outcome([], "")
 
+    asked = []
+    room = Local.room
+    monkeypatch.setattr(Local, "room", lambda self, left: asked.append(left) or room(self, left))
     # two of five, two of four, and the last three at once
     works(together)
     outcomes_of(local(workers=2, crowd=3), jobs(tmp_path, "edcba"), small)
+    assert asked[:3] == [5, 5, 5]
     text = book.read_text()
     running = [text[: end + 1].count("+") - text[: end + 1].count("-") for end in range(len(text))]
     assert max(running[: text.index("+c") + 1]) == 2
@@ -383,6 +390,12 @@ def test_how_a_process_ended_is_said(works, small, tmp_path, end, says):
     assert re.fullmatch(says, ends["a"].failure)
 
 
+def test_code_of_ones_own_runs_in_the_trainings_alone(works, small, tmp_path):
+    works(lambda job, params, report: Outcome([], ""))
+    mine = dataclasses.replace(small, task="nowhere_to_be_found:Task")
+    assert outcomes_of(local(), jobs(tmp_path, "a"), mine)[1] == {"a": Outcome([], "")}
+
+
 def test_one_that_ends_before_an_epoch_says_so_and_what_it_printed_last_is_cut(works, small, tmp_path):
     def train(job, params, report):
         sys.stdout.write("x" * 300_000 + "\nlast " + "y" * 5000)
@@ -394,6 +407,53 @@ def test_one_that_ends_before_an_epoch_says_so_and_what_it_printed_last_is_cut(w
     # of 5 005 letters the last 4 096 are kept, and of those a sentence has 400
     says = "its process ended by itself with code 2, before it had done an epoch; it printed last: "
     assert ends["a"].failure == says + "y" * 397 + "..."
+
+
+def ended(training):
+    """What is told of a training whose process ends, of which nothing was read yet."""
+    found = None
+
+    def look():
+        nonlocal found
+        training.closed = True
+        found = training.outcome(0.0, 99.0)
+        return found
+
+    try:
+        wait_for(look)
+    finally:
+        training.end()
+    return found.failure
+
+
+def test_what_a_process_left_in_its_pipe_is_read_when_it_has_ended(tmp_path):
+    def train(job, report):
+        sys.stdout.write("x" * 50_000 + "\nrotor 3 is gone\n")
+        sys.stdout.flush()
+        os._exit(2)
+
+    says = "its process ended by itself with code 2, before it had done an epoch; it printed last: "
+    training = local_module._start(jobs(tmp_path, "a")[0], train, Limits(1, 1, 500, 1), [])
+    # of its last 4 096 letters the x come first, and fill a sentence
+    assert ended(training) == says + "x" * 397 + "..."
+
+
+def test_who_else_writes_to_the_pipe_of_one_that_ended_is_not_waited_for(tmp_path):
+    def train(job, report):
+        if os.fork():
+            os._exit(2)
+        try:
+            while True:
+                os.write(1, b"more and more\n" * 4000)
+        finally:
+            os._exit(0)
+
+    training = local_module._start(jobs(tmp_path, "a")[0], train, Limits(1, 1, 500, 1), [])
+    begun = time.monotonic()
+    assert ended(training).startswith(
+        "its process ended by itself with code 2, before it had done an epoch; it printed"
+    )
+    assert time.monotonic() - begun < 25
 
 
 def test_an_error_of_the_program_is_raised_here_and_the_others_are_ended(works, small, tmp_path):
