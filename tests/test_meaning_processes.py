@@ -242,6 +242,10 @@ def test_a_pause_of_this_process_is_nobodys_silence(works, small, tmp_path, monk
 # Order.
 
 
+def test_three_share_two_cpus_where_no_more_are_left_than_may():
+    assert [local(workers=2, crowd=3).room(left) for left in (6, 5, 4, 3, 2, 1)] == [2, 2, 2, 3, 2, 1]
+
+
 def test_trainings_start_in_their_order_and_as_many_run_at_once_as_there_is_room_for(
     works, small, tmp_path, monkeypatch
 ):
@@ -275,7 +279,8 @@ def test_trainings_start_in_their_order_and_as_many_run_at_once_as_there_is_room
     monkeypatch.setattr(Local, "room", lambda self, left: asked.append(left) or room(self, left))
     # two of five, two of four, and the last three at once
     works(together)
-    outcomes_of(local(workers=2, crowd=3), jobs(tmp_path, "edcba"), small)
+    _, ends = outcomes_of(local(workers=2, crowd=3), jobs(tmp_path, "edcba"), small)
+    assert {name for name, outcome in ends.items() if outcome == Outcome([], "")} == set("edcba")
     assert asked[:3] == [5, 5, 5]
     text = book.read_text()
     running = [text[: end + 1].count("+") - text[: end + 1].count("-") for end in range(len(text))]
