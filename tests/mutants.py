@@ -3,7 +3,8 @@
 SESSION is what `cosmic-ray init tests/mutation.toml SESSION` wrote. One process imports everything, runs the tests of
 `tests/mutation.toml` once and notes which of them run which line. For each mutant it forks; the child puts the mutant's code
 into the modules that it has, and runs the tests of the changed lines until one fails, the fastest first. No file is edited.
-LOG gets one line of JSON for each mutant, and a second call goes on from it. PATH names modules; without one, all are run.
+LOG gets one line of JSON for each mutant, and a second call goes on from it: without the line of a mutant, that one is run
+again. PATH names modules; without one, all are run.
 """
 
 import ast
@@ -238,11 +239,16 @@ def forked(work: Callable[[Callable[[Any], object]], object]) -> Iterator[Any]:
     child = os.fork()
     if child == 0:
         os.close(reading)
+        # A group of its own: a mutant may end all of its group, and a child that it lets go on here ends.
+        os.setpgrp()
+        mine = os.getpid()
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 1)
         os.dup2(silence, 2)
         try:
-            work(lambda news: os.write(writing, (json.dumps(news) + "\n").encode()))
+            work(
+                lambda news: os.write(writing, f"{json.dumps(news)}\n".encode()) if os.getpid() == mine else os._exit(0)
+            )
         finally:
             os._exit(0)
     os.close(writing)
@@ -400,15 +406,15 @@ def _fewer_examples(items: Iterable[Any]) -> None:
 
 
 def summary(entries: Iterable[dict[str, Any]]) -> str:
-    """Returns a line of counts for each module, and one for each mutant that no test noticed."""
+    """Returns docs/mutation.md's table, mutants of each module, noticed and left, and a line for each one that is left."""
     entries = list(entries)
-    counts = Counter((entry["path"], entry["outcome"]) for entry in entries)
-    parts = [
-        f"{path}: {counts[path, 'killed']} killed, {counts[path, 'survived']} survived, {counts[path, 'no test']} without a test"
-        for path in sorted({path for path, _ in counts})
-    ]
     left = [entry for entry in entries if entry["outcome"] != "killed"]
-    return "\n".join([*parts, *(f"{e['path']}:{e['line']}: {e['old']}  =>  {e['new']}" for e in left)])
+    listed, kept = Counter(entry["path"] for entry in entries), Counter(entry["path"] for entry in left)
+    rows = [(f"`{path[6:-3]}`", listed[path], kept[path]) for path in sorted(listed)]
+    rows.append(("together", listed.total(), kept.total()))
+    table = [f"| {name} | {count} | {count - stay} | {stay} |" for name, count, stay in rows]
+    changes = sorted(f"{e['path']}:{e['line']}: {e['old']}  =>  {e['new']} ({e['outcome']})" for e in left)
+    return "\n".join(["| module | mutants | noticed | left |", "|---|---|---|---|", *table, *changes])
 
 
 def main(session: str, log: str, *paths: str) -> int:

@@ -18,6 +18,7 @@ from porse.training.lengths import EpisodeLengths
 from porse.training.ppo import build_ppo
 from porse.training.reward import CandidateFailed, Reward
 from porse.training.scale import NoScale, ReturnScale
+from porse.training.snapshot import same_names
 from porse.training.trainer import Trainer, draw_policy
 from porse.training.vecenv import observation_groups
 
@@ -175,3 +176,12 @@ def test_an_epochs_episode_length_is_a_mean_that_may_be_no_whole_number():
     # 17 steps of 3 episodes; then none ended
     assert lengths.take() == {"episode_length": pytest.approx(17 / 3)}
     assert lengths.take() == {}
+
+
+def test_a_state_may_have_neither_more_nor_fewer_names_than_are_wanted():
+    one, two = torch.zeros(1), torch.ones(2)
+    found = {"a": one, "b": two}
+    assert same_names(found, {"b": one, "a": two}) is found
+    for wanted, named in (({"a": one}, "b"), ({"a": one, "b": one, "c": one}, "c"), ({"a": one, "d": one}, "b, d")):
+        with pytest.raises(ValueError, match=f"^{named} are in one of the two alone$"):
+            same_names(found, wanted)

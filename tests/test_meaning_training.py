@@ -809,6 +809,10 @@ def test_the_forms_of_a_bonus_are_lambda_times_what_they_say(small, made, tmp_pa
     # means 4 visits / 2 cells and 5 / 2; gamma 0.99: 0.01 x sqrt(2 / 1), sqrt(2 / 3), sqrt(2.5 / 2)
     expected = [0.0025 * 2**0.5, 0.0025 * (2 / 3) ** 0.5, 0.0025 * 1.25**0.5]
     assert lone(small, made, tmp_path, form="relative", lambda_=0.25) == pytest.approx(expected)
+    # gamma 0.4: 0.6 takes the place of 0.01
+    shorter = changed(small, train={"gamma": 0.4})
+    expected = [60.0 * amount for amount in expected]
+    assert lone(shorter, made, tmp_path, form="relative", lambda_=0.25) == pytest.approx(expected)
     # the returns of the 8 environments' first step are the rarities themselves
     first = torch.tensor([3**-0.5] * 3 + [1.0] + [0.0] * 4, dtype=torch.float64)
     own, other, _ = lone(small, made, tmp_path, form="calibrated", lambda_=0.25)
@@ -1061,6 +1065,27 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
             np.testing.assert_allclose(fused[name], np.broadcast_to(expected, array.shape), atol=1e-6)
 
 
+def test_every_link_of_a_long_lineage_goes_on_from_the_one_before(small, pretended, tmp_path, monkeypatch):
+    chain = [row(str(place), place, iteration=place + 1, alpha=0.5) for place in range(5)]
+    like = random_policy(small, 1).arrays
+
+    def train(jobs, params, on_report):
+        outcomes = pretended(jobs, params, on_report)
+        for entry in jobs:
+            # all numbers of a policy say how many links it comes after
+            content = {name: np.full_like(array, len(pretended.jobs)) for name, array in like.items()}
+            write_checkpoint(entry.finish, policy_checkpoint(content))
+        return outcomes
+
+    monkeypatch.setattr(evaluation_module, "train_pool", train)
+    _, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 3}), tmp_path)
+    assert [(entry["seed"], entry["links"]) for entry in seeds] == [(1, 5), (2, 5), (3, 5)]
+    # a fusion keeps what the better policy has seen of the observations
+    seen = next(name for name in like if "actor.obs_normalizer" in name)
+    starts = [[read_checkpoint(entry.start).arrays[seen].max() for entry in jobs] for jobs in pretended.jobs[1:]]
+    assert starts == [[1, 1, 1], [2, 2, 2], [3, 3, 3], [4, 4, 4]]
+
+
 def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monkeypatch):
     chain = [row("first", 0, iteration=1), row("second", 1, iteration=2)]
     like = random_policy(small, 1)
@@ -1107,7 +1132,7 @@ def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluati
 class Played(Task):
     """Three environments: episodes of 2, 5 and 3 steps, and then of 1 step each, all at once.
 
-    The sparse reward is 11, 20 and 30 times the step.
+    The first one's end by failure, the second one's by the time limit, the third one's by both in one step. The sparse reward is 11, 20 and 30 times the step.
     """
 
     LENGTHS: ClassVar = [2, 5, 3]
@@ -1135,7 +1160,7 @@ class Played(Task):
         return (self.ages >= self.limits) & torch.tensor([True, False, True])
 
     def timed_out(self):
-        return (self.ages >= self.limits) & torch.tensor([False, True, False])
+        return (self.ages >= self.limits) & torch.tensor([False, True, True])
 
     def reset(self, mask):
         self.ages[mask], self.limits[mask] = 0, 1
@@ -1209,3 +1234,16 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     after = read_pool(tmp_path / "out").candidates
     assert [(r["alpha"], r["epochs"]) for r in after] == [(0.0, 5), (0.0, 5), (0.5, 2), (1.0, 2), (0.5, 2), (1.0, 2)]
     assert len({entry.seed for entry in probed + going}) == 1
+
+
+def test_probes_that_another_one_beat_are_numbered_behind_the_last_slot(small, pretended, fusible, tmp_path):
+    """2 candidates, 2 probes each that are spread and 2 that follow one by one, to epoch 2; then one of each to epoch 5."""
+    pool = Pool(fusible.folder, [row("a", 4, iteration=2), row("b", 2, iteration=2)], [])
+    roska = changed(small, train={"rung_epochs": 5}, probe={"trainings": 4, "initial": 2, "share": 0.4})
+    search_rung(pool, roska, 2, "1", 5, tmp_path / "out")
+    assert [len(jobs) for jobs in pretended.jobs] == [4, 2, 2, 2]
+    # 2 x (4 x 2 + 3)
+    assert [entry[:3] for entry in Bar.shown] == [("iteration 2 rung 1", 2, 22)]
+    after = read_pool(tmp_path / "out").candidates
+    assert {r["parent_id"]: r["slot"] for r in after if r["epochs"] == 5} == {"a": 4, "b": 2}
+    assert sorted(r["slot"] for r in after if r["epochs"] == 2) == [5, 6, 7, 8, 9, 10]
