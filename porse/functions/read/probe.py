@@ -5,14 +5,15 @@ the other tries the list and judges. What one function breaks ends with its own 
 needed, so that the next two come into being while the present ones work.
 """
 
-import contextlib
 import json
+import multiprocessing
 import os
 import signal
 import socket
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from multiprocessing.context import ForkProcess
 from typing import Any
 
 import torch
@@ -21,10 +22,9 @@ from porse.functions.read.check import check_source
 from porse.functions.read.confine import Limits, confine, seal
 from porse.functions.read.extract import extract
 from porse.functions.read.messages import receive, send
-from porse.functions.read.source import parse
 from porse.functions.read.states import unpacked
 from porse.functions.read.trace import trace
-from porse.functions.read.trial import make_sleef, try_program
+from porse.functions.read.trial import try_program
 from porse.functions.run.shapes import TOO_MUCH
 from porse.functions.verdict import CodeError, Kind
 
@@ -34,6 +34,8 @@ def compute_reward(x):
     p, q = torch.split(x, [1, 2], dim=-1)
     s = torch.split(x, 1, dim=-1)[0] + F.normalize(x, dim=-1) + torch.cdist(x[:9], x[:9]).sum()
     u, v = torch.broadcast_tensors(x, x)
+    y, functions = x * x * 0.4 + 0.1, (torch.acos, torch.asin, torch.atan, torch.tan, torch.log10)
+    s = s + sum([f(y.to(t)).sum() for f in functions for t in (torch.float32, torch.float64)])
     s = s + F.softplus(x) + F.huber_loss(x, q.sum()) + F.gelu(x) + torch.special.expit(x)
     return torch.exp(-d) + p.sum() + s.sum() + u.sum() + torch.atleast_1d(x).sum(-1), {f'd_{0.5:.1f}': d}
 """
@@ -41,32 +43,30 @@ def compute_reward(x):
 
 
 def serve(load: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
-    """Serves requests from standard input until it ends: states, then replies. Its limits are its argument.
+    """Serves requests from its parent until that ends: states, then replies. Its limits are its argument.
 
     Args:
         load: from the request for states to the values of a task's variables in them.
     """
     torch.set_num_threads(1)
     limits = Limits(**json.loads(sys.argv[1]))
-    answers = os.dup(1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     _warm_up()
     seal()
-    pool = _Pool(limits)
-    for line in sys.stdin.buffer:
-        request = json.loads(line)
-        if "reply" in request:
-            send(answers, _judged(request, pool))
-            continue
-        try:
-            pool.renew(load(request))
-            send(answers, {"ready": True})
-        except Exception as error:  # whatever is wrong with the states is told to the parent
-            send(answers, {"error": str(error)})
+    pool = _Pool(limits, {})
+    with socket.socket(fileno=0) as parent, parent.makefile("rb") as requests:
+        for line in requests:
+            request = json.loads(line)
+            if "reply" in request:
+                send(parent, _judged(request, pool))
+                continue
+            try:
+                pool = _Pool(limits, load(request))
+                send(parent, {"ready": True})
+            except Exception as error:  # whatever is wrong with the states is told to the parent
+                send(parent, {"error": str(error)})
 
 
 def _warm_up() -> None:
-    make_sleef()
     values = {"x": torch.linspace(-1.0, 1.0, 48).reshape(16, 3), "num_envs": 16}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -102,75 +102,66 @@ def _done(request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, An
 
 def _read(reply: str, kind: Kind, values: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the operator list of the function in a reply, its own text, and the line that a verdict is about."""
-    extracted = extract(reply, kind)
-    try:
-        source = parse(extracted.source)
-        check_source(source, values)
-        program = trace(source, kind, values)
-    except CodeError as error:
-        raise CodeError(error.check, str(error), extracted.line_of(error.line)) from None
-    return {"program": program.text, "source": extracted.source, "line": extracted.line_of(source.last_line)}
+    source = extract(reply, kind)
+    check_source(source, values)
+    program = trace(source, kind, values)
+    return {"program": program.text, "source": source.text, "line": source.last_line}
 
 
 class _Pool:
-    """Confined processes that wait, each for one piece of work, after which it ends; `limits` is what one may use."""
+    """Confined processes that wait, each for one piece of work, after which it ends.
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._values: Mapping[str, Any] = {}
-        self._waiting: list[tuple[int, int]] = []
-        self._ending: list[int] = []
+    Args:
+        limits: what one of them may use.
+        values: the values of a task's variables in real states.
+    """
 
-    def renew(self, values: Mapping[str, Any]) -> None:
-        """Has other states from now on, the values of a task's variables."""
-        self._values = values
-        while self._waiting:
-            self._end(*self._waiting.pop())
+    def __init__(self, limits: Limits, values: Mapping[str, Any]) -> None:
+        self._limits, self._values = limits, values
+        self._waiting: list[tuple[ForkProcess, socket.socket]] = []
 
     def done(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Returns what comes of a request, or the check and the message of a refusal where nothing does."""
-        process, pipe = self._waiting.pop(0) if self._waiting else self._forked()
-        found, in_time = {}, True
-        with contextlib.suppress(BrokenPipeError):
-            send(pipe, request)
+        process, peer = self._waiting.pop(0) if self._waiting else self._forked()
+        send(peer, request)
         while len(self._waiting) < 2:
             self._waiting.append(self._forked())
-        try:
-            found = receive(pipe, self._limits.wall_s)
-        except TimeoutError:
-            in_time = False
-        self._end(process, pipe)
+        with peer:
+            try:
+                found, in_time = receive(peer, self._limits.wall_s), True
+            except TimeoutError:
+                found, in_time = {}, False
         if found:
+            process.kill()  # to end takes longer than its work did; nobody waits for it
             return found
-        ended = os.waitstatus_to_exitcode(os.waitpid(self._ending.pop(), 0)[1])
-        if not in_time or ended == -signal.SIGXCPU:
+        if not in_time:
+            process.kill()
+        process.join()
+        if not in_time or process.exitcode == -signal.SIGXCPU:
             seconds = f"{self._limits.wall_s:g} s"
             message = f"the function did not finish within {seconds}; use tensor operations, not long loops"
             return {"check": "time", "message": message}
-        if ended == -signal.SIGKILL:
+        if process.exitcode == -signal.SIGKILL:
             return {"check": "memory", "message": TOO_MUCH}
         return {"check": "crash", "message": "the function ended its process"}
 
-    def _forked(self) -> tuple[int, int]:
+    def _forked(self) -> tuple[ForkProcess, socket.socket]:
         """Returns a new process, and the pipe to it."""
         ours, its = socket.socketpair()
-        process = os.fork()
-        if process == 0:
-            try:
-                with open(its.fileno(), "rb", closefd=False) as requests:
-                    confine(self._limits, keep=its.fileno())
-                    send(its.fileno(), _done(json.loads(requests.readline()), self._values))
-            finally:
-                os._exit(0)
+        process = multiprocessing.get_context("fork").Process(target=self._serve_one, args=(its,))
+        process.start()
         its.close()
-        return process, ours.detach()
+        return process, ours
 
-    def _end(self, process: int, pipe: int) -> None:
-        """Ends a process, and waits for those alone that are gone: to take one apart takes longer than its work did."""
-        os.close(pipe)
-        os.kill(process, signal.SIGKILL)
-        self._ending = [earlier for earlier in self._ending if os.waitpid(earlier, os.WNOHANG)[0] == 0]
-        self._ending.append(process)
+    def _serve_one(self, pipe: socket.socket) -> None:
+        """Answers one request, in a process that can do nothing else."""
+        keep = pipe.fileno()
+        try:
+            with open(keep, "rb", closefd=False) as requests, open(keep, "wb", closefd=False) as answers:
+                confine(self._limits, keep)
+                answers.write(json.dumps(_done(json.loads(requests.readline()), self._values)).encode() + b"\n")
+        finally:
+            os._exit(0)
 
 
 if __name__ == "__main__":

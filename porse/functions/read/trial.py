@@ -5,14 +5,12 @@ It is tried in a process that has never run the function itself, so that no tric
 
 import contextlib
 from collections.abc import Mapping
-from itertools import product
-from typing import Any, get_args
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from porse.functions.read.states import of_environments
-from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, read_program, registers
@@ -163,10 +161,3 @@ def _numbers(value: Tensor) -> str:
     """Returns the first numbers of a tensor, four digits each."""
     text = ", ".join(f"{float(number):.4g}" for number in value.reshape(-1)[:8])
     return text if value.dim() == 0 else f"[{text}{', ...' if value.numel() > 8 else ''}]"
-
-
-def make_sleef() -> None:
-    """Has Sleef's operators made, so that no list needs to make them later."""
-    if sleef.is_needed():
-        for function, precision in product(get_args(sleef.Function), get_args(sleef.Precision)):
-            sleef.operator(function, precision)
