@@ -57,7 +57,7 @@ class Sandbox(contextlib.ExitStack):
         self._peer = self.enter_context(ours)
         with its:
             process = Popen(
-                command, stdin=its, stdout=DEVNULL, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
+                command, stdin=its.fileno(), stdout=DEVNULL, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
             )
         self._process = self.enter_context(process)
         self.callback(self._kill)
