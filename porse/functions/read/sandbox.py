@@ -81,9 +81,10 @@ class Sandbox(contextlib.ExitStack):
 
     def judge(self, reply: str, kind: Kind) -> tuple[Verdict, str]:
         """Returns the verdict on one reply and the source of the function in it, "" when it did not pass."""
-        answer = self._answer({"reply": reply, "kind": kind}, 2 * self._limits.wall_s + 10.0)
+        answer = self._answer({"reply": reply, "kind": kind}, self._limits.wall_s + 10.0)
         try:
-            return _verdict(answer), str(answer["source"])
+            verdict = _verdict(answer)
+            return verdict, str(answer["source"]) if verdict.passed else ""
         except (KeyError, TypeError, ValueError, OverflowError):
             self.close()
             self._start()
