@@ -59,7 +59,7 @@ class Task:
     def observations(self):
         return torch.tensor(self.STATES[self.steps % 4]).unsqueeze(1)
 
-    def variables(self):
+    def present(self):
         return {"num_envs": 3, "obs_buf": self.observations()}
 
     def _second(self, flags):
