@@ -49,7 +49,7 @@ def serve(load: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
     """
     torch.set_num_threads(1)
     limits = Limits(**json.loads(sys.argv[1]))
-    values = {"x": torch.linspace(-1.0, 1.0, 48).reshape(16, 3), "num_envs": 16}
+    values: Mapping[str, Any] = {"x": torch.linspace(-1.0, 1.0, 48).reshape(16, 3), "num_envs": 16}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for reply in ("def compute_reward(x:\n", _WARM.replace("q.sum()", "q.sum().item()"), _WARM):
