@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from porse.functions.read.check import check_source
-from porse.functions.read.source import parse
+from porse.functions.read.extract import extract
 from porse.functions.read.trace import trace
 from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.program import Program
@@ -56,7 +56,7 @@ def reward(*body: str, arguments: str = "a, b", result: str = 'x, {"x": x}') -> 
 
 def traced(source: str, kind: Kind, variables: Sequence[Variable], states: Mapping[str, Any] | None = None) -> Program:
     """Returns the operator list of a source, checked and traced in this process, on drawn states or on some given."""
-    parsed = parse(source)
+    parsed = extract(source, kind)
     check_source(parsed, {v.name for v in variables})
     return trace(parsed, kind, states if states is not None else values(16, variables))
 

@@ -163,7 +163,7 @@ DRAFT = "def compute_reward(a):\n    return a[:, 1], {'draft': a[:, 1]}\n"
 )
 def test_thinking_is_dropped_closed_or_not(reply):
     found = extract(reply, "reward")
-    assert found.source == GOOD
+    assert found.text == GOOD
     lines = reply.split("\n")
     assert [lines[number - 1] for number in found.lines] == GOOD.splitlines()
 
@@ -184,12 +184,12 @@ def test_thinking_alone_holds_no_function():
     ],
 )
 def test_code_in_html_and_in_json_is_read(reply):
-    assert extract(reply, "reward").source == GOOD
+    assert extract(reply, "reward").text == GOOD
 
 
 def test_an_escaped_ampersand_alone_is_read():
     reply = "def compute_reward(a):\n    x = ((a[:, 0] == 1) &amp; (a[:, 1] == 2)).float()\n    return x, {'x': x}\n"
-    assert "== 1) & (a" in extract(reply, "reward").source
+    assert "== 1) & (a" in extract(reply, "reward").text
 
 
 def test_half_conj_and_numbers_in_names():

@@ -10,8 +10,9 @@ from code_attacks import ATTACKS
 from code_cases import VARIABLES, compile_reward, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
 from porse.functions.read.confine import Limits
-from porse.functions.read.extract import Extracted, extract
+from porse.functions.read.extract import extract
 from porse.functions.read.sandbox import Sandbox
+from porse.functions.read.source import Source
 from porse.functions.read.states import packed
 from porse.functions.verdict import CodeError
 
@@ -50,9 +51,9 @@ def _extracts(reply, kind):
     except CodeError as error:
         _is_useful(error, reply)
         return None
-    assert isinstance(found, Extracted)
-    assert len(found.lines) == found.source.count("\n")
-    return found.source
+    assert isinstance(found, Source)
+    assert len(found.lines) == found.text.count("\n")
+    return found.text
 
 
 @SETTINGS

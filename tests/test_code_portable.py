@@ -1,5 +1,6 @@
 """The portable forms: right values, everywhere where the plain ones are defined, and the same bits on other CPUs."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -9,9 +10,11 @@ import sys
 import pytest
 import torch
 
-from code_cases import VARIABLES, compile_reward, reward, values
+from code_cases import VARIABLES, compile_reward, reward, traced, values
 from porse.functions.run.operators import Watch
 from porse.functions.run.portable import with_norms
+from porse.functions.verdict import CodeError
+from porse.tasks import find_task
 
 PLAIN = {
     "torch.sqrt(y.abs())": torch.linspace(-4, 4, 999),
@@ -203,12 +206,61 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.slow
-def test_bits_are_the_same_on_an_emulated_cpu_of_another_make(root):
-    """About a minute. What the plain forms do is printed by a failure and kept in docs/generated-code.md."""
+def on_three_cpus(root, program, given):
+    """Returns what a Python program prints as JSON, natively and on two emulated CPUs."""
     emulator = shutil.which("qemu-x86_64")
     if emulator is None:
         pytest.skip("needs qemu-x86_64 (package qemu-user)")
+    environment = os.environ | {"PYTHONPATH": f"{root}:{root / 'tests'}"}
+    found = []
+    for prefix in ([], [emulator, "-cpu", "EPYC"], [emulator, "-cpu", "Haswell"]):
+        command = [*prefix, sys.executable, "-c", program]
+        result = subprocess.run(command, env=environment, input=given, capture_output=True, check=True, text=True)
+        found.append(json.loads(result.stdout))
+    return found
+
+
+_RECORDED = """
+import hashlib, json, sys, torch
+torch.set_num_threads(1)
+from code_cases import values, variable
+from porse.functions.run.execute import MappingFunction, RewardFunction
+given = json.load(sys.stdin)
+states = values(128, [variable(name, *shape) for name, shape in given["variables"]], seed=3)
+found = []
+for kind, text in given["lists"]:
+    if kind == "reward":
+        total, components = RewardFunction(text, True)(states)
+        results = [total, *components.values()]
+    else:
+        results = MappingFunction(text, True)(states)[0]
+    results = [result.nan_to_num(7.0).numpy().tobytes() for result in results]
+    found.append(hashlib.sha256(b"".join(results)).hexdigest())
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow
+def test_the_default_runs_functions_give_the_same_bits_on_emulated_cpus_of_other_makes(root):
+    task = find_task("Quadcopter")
+    tensors = [v for v in task.VARIABLES if v.kind == "tensor"]
+    states, lists = values(16, task.VARIABLES), []
+    for path in sorted((root / "llm_cache").glob("*/*.json")):
+        text = json.loads(path.read_text())["reply"]["text"]
+        for kind in ("reward", "mapping"):
+            with contextlib.suppress(CodeError):
+                found = traced(text if isinstance(text, str) else "\n".join(text), kind, task.VARIABLES, states)
+                lists.append((kind, found.text))
+    assert len(lists) >= 52
+    given = json.dumps({"variables": [(v.name, v.shape) for v in tensors], "lists": lists})
+    native, epyc, haswell = on_three_cpus(root, _RECORDED, given)
+    assert native == epyc == haswell
+    assert len(native) == len(lists)
+
+
+@pytest.mark.slow
+def test_bits_are_the_same_on_an_emulated_cpu_of_another_make(root):
+    """About a minute. What the plain forms do is printed by a failure and kept in docs/generated-code.md."""
     more = [
         "torch.norm(a - b, dim=-1)",
         "torch.sqrt(torch.sum((a - b) ** 2, dim=-1))",
@@ -219,15 +271,7 @@ def test_bits_are_the_same_on_an_emulated_cpu_of_another_make(root):
         "torch.exp(y) + torch.tanh(y) * torch.sin(y)",
     ]
     program = _BITS.format(expressions=[*PLAIN, *STRIDED, *more])
-    environment = os.environ | {"PYTHONPATH": f"{root}:{root / 'tests'}"}
-    found = [
-        json.loads(
-            subprocess.run(
-                [*prefix, sys.executable, "-c", program], env=environment, capture_output=True, check=True
-            ).stdout
-        )
-        for prefix in ([], [emulator, "-cpu", "EPYC"], [emulator, "-cpu", "Haswell"])
-    ]
+    found = on_three_cpus(root, program, "")
     for name in found[0]:
         if name.endswith("True"):
             assert found[0][name] == found[1][name] == found[2][name], name

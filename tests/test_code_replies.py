@@ -104,7 +104,7 @@ def test_good_replies_mean_what_they_mean_in_python(task):
     for entry in INDEX:
         if entry["task"] != task or entry["check"] != "ok" or entry["file"] in not_python:
             continue
-        source = extract((REPLIES / entry["file"]).read_bytes().decode(), entry["kind"]).source
+        source = extract((REPLIES / entry["file"]).read_bytes().decode(), entry["kind"]).text
         first, second, *_ = in_python(source, states)
         if entry["kind"] == "reward":
             total, components = compile_reward(source, made.VARIABLES, False, states)(states)

@@ -10,7 +10,8 @@ import time
 
 import pytest
 
-from code_cases import reward, values
+from code_cases import VARIABLES, reward, traced, values
+from porse.functions.read import probe
 from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import ProbeError, Sandbox
 from porse.functions.read.states import packed
@@ -81,6 +82,32 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(monkeypa
         assert os.listdir(folder) == []
     assert process.returncode is not None
     assert not os.path.exists(folder)
+
+
+LIST = traced(GOOD, "reward", VARIABLES).text
+
+
+@pytest.mark.parametrize(
+    ("answer", "check"),
+    [
+        ({"passed": True, "check": "ok", "message": "", "program": "{"}, "static"),
+        ({"program": f" {LIST}", "source": GOOD}, "static"),
+        ({"passed": True, "check": "ok", "message": "trust me"}, "ok"),
+        ({}, "crash"),
+        ([LIST], "crash"),
+    ],
+)
+def test_who_ran_a_function_is_not_trusted_with_the_verdict(monkeypatch, answer, check):
+    monkeypatch.setattr(probe, "_answer", lambda request, states: answer)
+    found = probe._judged({"reply": GOOD, "kind": "reward"}, values(), Limits())
+    assert (found["check"], found.get("passed", False)) == (check, False)
+
+
+def test_names_and_directions_are_those_of_the_list(monkeypatch):
+    forged = {"program": LIST, "source": GOOD, "warning": "", "names": ["other"], "rises": [True], "passed": False}
+    monkeypatch.setattr(probe, "_answer", lambda request, states: forged)
+    found = probe._judged({"reply": GOOD, "kind": "reward"}, values(), Limits())
+    assert (found["passed"], found["names"], found["rises"]) == (True, ("x",), ())
 
 
 _ESCAPES = """

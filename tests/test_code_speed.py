@@ -1,56 +1,19 @@
 """What generated functions cost of a training, in processor time, which is steadier than the clock."""
 
-import dataclasses
-import time
+import os
+import re
+import subprocess
+import sys
 
 import pytest
-import torch
-
-from porse.checkpoint import write_checkpoint
-from porse.tasks import make_task
-from porse.training.candidate import reward_of, train_candidate
-from porse.training.job import Job
-from porse.training.start import random_policy
-from samples import MAPPING, REWARD, program
-
-
-def seconds(call, rounds):
-    """Returns the processor time of one call, the least of five turns."""
-    turns = []
-    for _ in range(5):
-        started = time.process_time()
-        for _ in range(rounds):
-            call()
-        turns.append((time.process_time() - started) / rounds)
-    return min(turns)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("portable", [False, True])
+@pytest.mark.parametrize("profile", ["fast", "portable"])
 @pytest.mark.parametrize(("num_envs", "share"), [(128, 0.03), (1024, 0.01)])
-def test_reward_mapping_and_bonus_take_little_of_a_training_step(params, tmp_path, num_envs, share, portable):
-    torch.set_num_threads(1)
-    changed = dataclasses.replace(
-        params,
-        numerics="portable" if portable else "fast",
-        train=dataclasses.replace(params.train, num_envs=num_envs),
-    )
-    write_checkpoint(tmp_path / "start", random_policy(changed, 1))
-    job = Job("one", program(REWARD), program(MAPPING), 1.0, tmp_path / "start", tmp_path / "end", 3, 7)
-    started = time.process_time()
-    assert not train_candidate(job, changed, lambda *_: None).failure
-    step = (time.process_time() - started) / (3 * params.train.steps_per_epoch)
-    task, steps = make_task(params.task, num_envs, 0), params.train.steps_per_epoch
-    # What evaluates, counts, scales and writes down: all of it.
-    reward, ends = reward_of(job, task, changed), torch.zeros((steps, num_envs), dtype=torch.bool)
-    with torch.inference_mode():
-
-        def pay():
-            for _ in range(steps):
-                reward.see(task)
-            reward.pay(1, ends)
-
-        pay()
-        cost = seconds(pay, 10) / steps
-    print(f"{num_envs} environments: {cost * 1e6:.0f} of {step * 1e6:.0f} microseconds, {cost / step:.2%}")
-    assert cost <= share * step
+def test_reward_mapping_and_bonus_take_little_of_a_training_step(root, num_envs, share, profile):
+    command = [sys.executable, str(root / "tests" / "share_of_step.py"), profile, str(num_envs)]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    print(result.stdout)
+    assert float(re.search(r"a share of ([\d.]+)", result.stdout)[1]) <= share

@@ -37,7 +37,7 @@ class Standing:
     def observations(self):
         return torch.tensor([[1.0], [2.0], [4.0]])
 
-    def variables(self):
+    def present(self):
         return {"num_envs": 3, "obs_buf": self.observations()}
 
     def terminated(self):

@@ -59,7 +59,7 @@ class Task:
     def observations(self):
         return torch.tensor(self.STATES[self.steps % 4]).unsqueeze(1)
 
-    def variables(self):
+    def present(self):
         return {"num_envs": 3, "obs_buf": self.observations()}
 
     def _second(self, flags):
@@ -288,7 +288,7 @@ def test_goals_are_the_generated_function_the_human_and_the_sparse_reward():
     assert human(task, {})[0].tolist() == [11.0] * 3
     assert sparse(task, {})[0].tolist() == [0.25] * 3
     goal = generated(lambda variables: (torch.full((variables["num_envs"],), 6.0), {"c": torch.ones(3)}))
-    total, components = goal(task, task.variables())
+    total, components = goal(task, task.present())
     assert (total.tolist(), list(components)) == ([6.0] * 3, ["c"])
 
 

@@ -232,7 +232,7 @@ class FakeTask:
     def step(self, actions):
         pass
 
-    def variables(self):
+    def present(self):
         return {}
 
     def observations(self):

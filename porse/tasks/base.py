@@ -3,7 +3,7 @@
 A task here is a vector of `num_envs` environments. One control step is
 
     task.step(actions)          # physics, measurements, fitness
-    task.variables()            # what generated functions read: the state after the step
+    task.present()              # what generated functions read: the state after the step
     done = task.terminated() | task.timed_out()
     task.reset(done)
     task.observations()         # of the new episode where one began
@@ -12,7 +12,7 @@ Nothing draws from a global generator, and `state` holds everything that a bit-e
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar
 
 import mujoco
@@ -210,11 +210,14 @@ class Task(ABC):
 
     def variables(self) -> dict[str, Value]:
         """Returns every variable of `VARIABLES` by name. Tensors are copies: no caller can change the task by them."""
-        values: dict[str, Value] = {}
-        for variable in self.VARIABLES:
-            value = getattr(self, variable.name)
-            values[variable.name] = value.clone() if isinstance(value, Tensor) else value
-        return values
+        return dict(self.present())
+
+    def present(self) -> Mapping[str, Value]:
+        """Returns the variables as they are when they are asked for, each copied only then.
+
+        A function reads a few of some twenty, and to copy the others would take as long as to compute it.
+        """
+        return _Present(self)
 
     def reset(self, mask: Tensor) -> None:
         """Starts a new episode where `mask` (bool `(num_envs,)`) is set, and touches no other environment."""
@@ -337,3 +340,23 @@ class Task(ABC):
     def _uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Returns float32 draws from U[low, high) of the task's generator."""
         return low + (high - low) * torch.rand(*shape, generator=self._generator)
+
+
+class _Present(Mapping[str, Value]):
+    """A task's variables by name."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._names = [variable.name for variable in task.VARIABLES]
+
+    def __getitem__(self, name: str) -> Value:
+        if name not in self._names:
+            raise KeyError(name)
+        value = getattr(self._task, name)
+        return value.clone() if isinstance(value, Tensor) else value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)

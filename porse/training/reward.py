@@ -7,7 +7,6 @@ that one scale holds in it.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -67,7 +66,7 @@ class Reward:
         Raises:
             CandidateFailed: a function raised.
         """
-        variables: Mapping[str, Any] = task.variables()
+        variables = task.present()
         try:
             goal, components = self._goal(task, variables)
             seen, progress = self._bonus.see(variables)

@@ -9,14 +9,25 @@ write beside the functions is refused, so that it is seen.
 import ast
 import contextlib
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Sequence
 
-from porse.functions.contract import FUNCTION_NAMES, HELPERS, MAX_REPLY_CHARACTERS, MAX_SOURCE_LINES, NAME_PATTERN
+from porse.functions.contract import (
+    FUNCTION_NAMES,
+    HELPERS,
+    MAX_REPLY_CHARACTERS,
+    MAX_SOURCE_LINES,
+    MODULES,
+    NAME_PATTERN,
+)
 from porse.functions.read.scan import Block, blocks, plain_lines, unwrapped
-from porse.functions.read.source import DEFAULT_MODULES, Import, arguments, constant_of, import_names, is_constant
+from porse.functions.read.source import Source, arguments, parse_source
 from porse.functions.verdict import CodeError, Kind, words
 
+Import = ast.Import | ast.ImportFrom
+
+_DEFAULT_MODULES = {
+    "torch": "torch", "math": "math", "F": "torch.nn.functional", "nn": "torch.nn", "np": "numpy", "numpy": "numpy",
+}  # fmt: skip
 _DECORATORS = re.compile(
     r"@\s*((torch\.)?jit\.(script|script_if_tracing|export)|script|staticmethod|classmethod|"
     r"torch\.(no_grad|inference_mode)(\(\s*\))?)\s*(#.*)?"
@@ -26,32 +37,21 @@ _HOSTILE = words("""
     globals hub importlib input load load_library locals open ops os pickle popen remove rmtree save setattr shutil
     socket subprocess sys system unlink urllib urlopen vars
     """)
+_OF_CONSTANTS = (
+    ast.Constant, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.BoolOp, ast.boolop, ast.List, ast.Tuple, ast.Dict,
+    ast.Subscript, ast.Call, ast.keyword, ast.Name, ast.Attribute, ast.Load,
+)  # fmt: skip
+"""What a constant may be made of."""
+_OF_EVERY_TASK = words("actions device num_envs obs_buf progress_buf")
+"""What the tasks have, whatever a class around the function sets when it is made."""
+_OFFERED = words("math torch np numpy abs dict float int len list max min round sum tuple")
 
 
-@dataclass(frozen=True)
-class Extracted:
-    """The needed code of a reply.
-
-    Attributes:
-        source: unusual imports, constants, helpers and at last the function itself, dedented; the text of a candidate.
-        lines: for each line of `source`, the line of the reply, counted from 1.
-        name: the function's name.
-    """
-
-    source: str
-    lines: tuple[int, ...]
-    name: str
-
-    def line_of(self, line: int) -> int:
-        """Returns the line of the reply for one of the source, 0 for none."""
-        return self.lines[line - 1] if 0 < line <= len(self.lines) else 0
-
-
-def extract(reply: str, kind: Kind) -> Extracted:
+def extract(reply: str, kind: Kind) -> Source:
     """Returns the code of the last complete function of `kind` in `reply`.
 
     Raises:
-        CodeError: there is none; check "extract" or "syntax", with the line of the reply.
+        CodeError: there is none, or it imports what is not offered; with the line of the reply.
     """
     if len(reply) > MAX_REPLY_CHARACTERS:
         raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
@@ -61,12 +61,35 @@ def extract(reply: str, kind: Kind) -> Extracted:
     main = _choose(found, kind)
     beside = [block for block in everything if not block.name]
     beside += [setting for block in found if block.name == "__init__" for setting in _settings(block)]
-    parts = _assembled(main, found, sorted(beside, key=lambda block: block.lines[0]))
+    first, constants, functions = _needed(main, found, sorted(beside, key=lambda block: block.lines[0]))
+    parts = [part for block in first for part in zip(block.lines, block.text, strict=True)]
+    for function in functions:
+        parts += [(function.lines[0], "")] if parts else []
+        parts += zip(function.lines, function.text, strict=True)
     if len(parts) > MAX_SOURCE_LINES:
         message = f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}"
         raise CodeError("extract", message, parts[0][0])
-    source = "".join(f"{text}\n" for _, text in parts)
-    return Extracted(source, tuple(line if code else number for number, _ in parts), main.name)
+    text = "".join(f"{text}\n" for _, text in parts)
+    lines = tuple(line if code else number for number, _ in parts)
+    tree = _parsed(text, lines)
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    modules = _DEFAULT_MODULES.copy()
+    for node in ast.walk(tree):
+        if isinstance(node, Import):
+            modules |= _bound(node, node.lineno)
+    return Source(text, lines, tree, constants, modules, frozenset(node.id for node in names if _is_class(node)))
+
+
+def _parsed(text: str, lines: Sequence[int]) -> ast.Module:
+    """Returns the tree of a text whose lines are these of the reply."""
+    try:
+        tree = parse_source(text)
+    except CodeError as error:
+        raise CodeError(error.check, str(error), lines[error.line - 1]) from None
+    for node in ast.walk(tree):
+        if isinstance(node, ast.stmt | ast.expr | ast.arg | ast.keyword | ast.alias):
+            node.lineno, node.end_lineno = lines[node.lineno - 1], lines[(node.end_lineno or node.lineno) - 1]
+    return tree
 
 
 def _choose(found: list[Block], kind: Kind) -> Block:
@@ -134,58 +157,83 @@ def _assignment(name: str, value: ast.expr, where: ast.stmt) -> ast.Assign:
     return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), where)
 
 
-def _assembled(main: Block, found: list[Block], beside: list[Block]) -> list[tuple[int, str]]:
-    """Returns the lines of the main function and of what it reads, directly or not: helpers, constants, unusual imports."""
+def _needed(main: Block, found: list[Block], beside: list[Block]) -> tuple[list[Block], frozenset[str], list[Block]]:
+    """Returns what the main function reads, directly or not: imports and constants, the latter's names, and functions."""
     imports: list[tuple[Block, set[str]]] = []
     constants: dict[str, list[Block]] = {}
     for block in beside:
-        name, value = constant_of(block.tree)
-        if block.region == main.region:
-            _refuse_hostile(block)
-        if isinstance(block.tree, Import):
-            imports.append((block, _unusual(block.tree)))
-        elif value is not None and is_constant(value, constants):
-            before = constants.get(name, []) if name in _names_read(value) else []
-            constants[name] = [*before, block]
+        is_own = block.region == main.region
+        if is_own and (hostile := sorted(n for n in _names_read(block.tree) if n in _HOSTILE or n.startswith("__"))):
+            raise CodeError("static", f"the name {hostile[0]} is not allowed anywhere in the code", block.lines[0])
+        match block.tree:
+            case ast.Import() | ast.ImportFrom() as node:
+                with contextlib.nullcontext() if is_own else contextlib.suppress(CodeError):
+                    bound = _bound(node, block.lines[0]).items() - {*_DEFAULT_MODULES.items()}
+                    imports.append((block, {name for name, path in bound if path != "torch.Tensor"}))
+            case (
+                ast.Assign(targets=[ast.Name(id=name)], value=ast.expr() as value)
+                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
+            ) if name not in _OF_EVERY_TASK and _is_constant(value, constants):
+                before = constants.get(name, []) if name in _names_read(value) else []
+                constants[name] = [*before, block]
     by_name = {f.name: f for f in found if f.tree is not None and f.name != main.name}
-    needed, names, queue = [main], set[str](), [main]
+    functions, names, queue = list[Block](), set[str](), [main]
     while queue:
         read = set(_names_read(queue.pop().tree)) - names
         names |= read
-        helpers = [by_name[name] for name in read & by_name.keys()]
-        queue += helpers
-        needed += helpers
+        queue += (helpers := [by_name[name] for name in read & by_name.keys()])
+        functions += helpers
     for name in reversed(constants):
         if name in names:  # each reads only those before it
             names.update(read for block in constants[name] for read in _names_read(block.tree))
+    functions = [*sorted(functions, key=lambda f: f.lines[0]), main]
+    for number, text in (decorator for function in functions for decorator in function.decorators):
+        if not _DECORATORS.fullmatch(text):
+            raise CodeError("static", f"the decorator {text} is not allowed; the function needs none", number)
     first = [block for block, bound in imports if bound & names]
     first += [block for name, given in constants.items() if name in names for block in given]
-    parts = [part for block in first for part in zip(block.lines, block.text, strict=True)]
-    for function in [*sorted(needed[1:], key=lambda f: f.lines[0]), main]:
-        for number, text in function.decorators:
-            if not _DECORATORS.fullmatch(text):
-                raise CodeError("static", f"the decorator {text} is not allowed; the function needs none", number)
-        parts += [(function.lines[0], "")] if parts else []
-        parts += zip(function.lines, function.text, strict=True)
-    return parts
+    return first, frozenset(constants.keys() & names), functions
 
 
-def _refuse_hostile(block: Block) -> None:
-    """Refuses a statement beside the function that only an attack would write, at its line of the reply."""
-    try:
-        if isinstance(block.tree, Import):
-            import_names(block.tree)
-    except CodeError as error:
-        raise CodeError(error.check, str(error), block.lines[0]) from None
-    hostile = sorted(n for n in _names_read(block.tree) if n in _HOSTILE or n.startswith("__"))
-    if hostile:
-        raise CodeError("static", f"the name {hostile[0]} is not allowed anywhere in the code", block.lines[0])
+def _bound(node: Import, line: int) -> dict[str, str]:
+    """Returns what an import line would bind of torch, math and numpy: local name to dotted path. Nothing is imported.
+
+    Raises:
+        CodeError: the module is not one of `MODULES`.
+    """
+    names = {}
+    module = "." * node.level + (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+    for alias in node.names:
+        path = f"{module}.{alias.name}" if module else alias.name
+        root = path.split(".")[0]
+        if root not in MODULES:
+            message = f"the import of {module or path} is not allowed; only torch, math and typing are offered"
+            raise CodeError("static", message, line)
+        if root in ("torch", "math", "numpy") and alias.name != "*":
+            is_whole = module or alias.asname
+            names[alias.asname or (alias.name if module else root)] = path if is_whole else root
+    return names
 
 
-def _unusual(node: Import) -> set[str]:
-    """Returns the names that an import binds to something of torch, math or numpy, but for the usual ones."""
-    try:
-        bound = import_names(node)
-    except CodeError:  # of another draft
-        return set()
-    return {name for name, path in bound.items() if DEFAULT_MODULES.get(name) != path and path != "torch.Tensor"}
+def _is_constant(value: ast.expr, known: Container[str]) -> bool:
+    """Whether a value beside the functions may be offered to them: written out, or computed from constants that are known.
+
+    That is its form alone: where it is used it is held against the same lists as the function.
+    """
+    for node in ast.walk(value) if not _is_class(value) else ():
+        match node:
+            case ast.Name(id=name) if name not in _OFFERED and name not in known:
+                return False
+            case ast.Attribute(value=owner) if not isinstance(owner, ast.Name):
+                return False
+            case ast.Call(func=called) if not isinstance(called, ast.Name | ast.Attribute):
+                return False
+        if not isinstance(node, _OF_CONSTANTS):
+            return False
+    return True
+
+
+def _is_class(value: ast.expr) -> bool:
+    """Whether a value is a class, by its capital letter, or made of one without arguments."""
+    made = value.func if isinstance(value, ast.Call) and not value.args and not value.keywords else value
+    return isinstance(made, ast.Name) and made.id[:1].isupper() and not made.id.isupper()

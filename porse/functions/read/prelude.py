@@ -5,6 +5,7 @@ original environments find in scope there, by `from ...torch_jit_utils import *`
 accepted, and no prompt advertises them. Those that draw random numbers are left out.
 """
 
+import inspect
 import math
 from collections.abc import Callable
 from typing import Any
@@ -67,11 +68,6 @@ def normalize(x: Tensor, eps: float = 1e-09) -> Tensor:
     return x / torch.clamp(torch.linalg.vector_norm(x, 2, [-1], True), min=eps)
 
 
-def quat_unit(a: Tensor) -> Tensor:
-    """Returns the quaternion of norm 1."""
-    return normalize(a)
-
-
 def quat_axis(q: Tensor, axis: int = 0) -> Tensor:
     """Returns a coordinate axis, rotated."""
     basis = torch.zeros_like(q[..., 0:3])
@@ -79,16 +75,10 @@ def quat_axis(q: Tensor, axis: int = 0) -> Tensor:
     return quat_rotate(q, basis)
 
 
-def quat_diff_rad(a: Tensor, b: Tensor) -> Tensor:
-    """Returns the angle between two rotations."""
-    vector = quat_mul(a, quat_conjugate(b))[..., 0:3]
-    return 2.0 * torch.asin(torch.clamp(torch.linalg.vector_norm(vector, 2, [-1]), max=1.0))
-
-
 def quat_from_angle_axis(angle: Tensor, axis: Tensor) -> Tensor:
     """Returns the rotation by an angle about an axis of any length."""
     half = (angle / 2.0).unsqueeze(-1)
-    return quat_unit(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
+    return normalize(torch.cat([normalize(axis) * torch.sin(half), torch.cos(half)], -1))
 
 
 def quat_to_angle_axis(q: Tensor) -> tuple[Tensor, Tensor]:
@@ -151,19 +141,9 @@ def tf_apply(q: Tensor, t: Tensor, v: Tensor) -> Tensor:
     return quat_apply(q, v) + t
 
 
-def tf_vector(q: Tensor, v: Tensor) -> Tensor:
-    """Returns a direction of a frame in the outer one."""
-    return quat_apply(q, v)
-
-
 def tf_combine(q1: Tensor, t1: Tensor, q2: Tensor, t2: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the second frame, which lies in the first, in the outer one."""
     return quat_mul(q1, q2), quat_apply(q1, t2) + t1
-
-
-def get_basis_vector(q: Tensor, v: Tensor) -> Tensor:
-    """Returns the vector, rotated."""
-    return quat_rotate(q, v)
 
 
 def get_axis_params(value: float, axis_idx: int, x_value: float = 0.0, n_dims: int = 3) -> list[float]:
@@ -187,16 +167,6 @@ def unscale(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
     return (2.0 * x - upper - lower) / (upper - lower)
 
 
-def scale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [lower, upper], brought to [-1, 1]: the other way from `scale`."""
-    return 2.0 * (x - (lower + upper) * 0.5) / (upper - lower)
-
-
-def unscale_transform(x: Tensor, lower: Tensor, upper: Tensor) -> Tensor:
-    """Returns what lies in [-1, 1], stretched to [lower, upper]: the other way from `unscale`."""
-    return x * (upper - lower) * 0.5 + (lower + upper) * 0.5
-
-
 def tensor_clamp(t: Tensor, low: Tensor, high: Tensor) -> Tensor:
     """Returns the tensor between two others."""
     return torch.maximum(torch.minimum(t, high), low)
@@ -204,7 +174,7 @@ def tensor_clamp(t: Tensor, low: Tensor, high: Tensor) -> Tensor:
 
 def local_to_world_space(pos_offset_local: Tensor, pose_global: Tensor) -> Tensor:
     """Returns a point in the frame of a pose `(..., 7)` in the world's."""
-    return quat_apply(pose_global[..., 3:7], pos_offset_local) + pose_global[..., 0:3]
+    return tf_apply(pose_global[..., 3:7], pose_global[..., 0:3], pos_offset_local)
 
 
 def normalise_quat_in_pose(pose: Tensor) -> Tensor:
@@ -240,7 +210,7 @@ def compute_heading_and_up(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Returns a torso's turn, how far it is up and heads to its target, and its up and forward axes."""
     turn = quat_mul(torso_rotation, inv_start_rot)
-    up, ahead = get_basis_vector(turn, vec1), get_basis_vector(turn, vec0)
+    up, ahead = quat_rotate(turn, vec1), quat_rotate(turn, vec0)
     return turn, up[..., up_idx], torch.sum(ahead * normalize(to_target), -1), up, ahead
 
 
@@ -258,15 +228,15 @@ def compute_rot(
     return (*own, roll, pitch, yaw, bearing - yaw)
 
 
-_FUNCTIONS = (
-    dist, rot_dist, quat_conjugate, quat_mul, quat_apply, quat_rotate, quat_rotate_inverse, normalize, quat_unit, quat_axis,
-    quat_diff_rad, quat_from_angle_axis, quat_to_angle_axis, quat_from_euler_xyz, get_euler_xyz, normalize_angle, copysign,
-    slerp, tf_inverse, tf_apply, tf_vector, tf_combine, get_basis_vector, get_axis_params, to_torch, scale, unscale,
-    scale_transform, unscale_transform, tensor_clamp, local_to_world_space, normalise_quat_in_pose, calc_heading,
-    calc_heading_quat, calc_heading_quat_inv, compute_heading_and_up, compute_rot,
-)  # fmt: skip
-HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {function.__name__: function for function in _FUNCTIONS} | {
+HELPERS_IN_SCOPE: dict[str, Callable[..., Any]] = {
+    **{name: held for name, held in globals().items() if inspect.isfunction(held) and not name.startswith("_")},
+    "quat_unit": normalize,
+    "quat_diff_rad": rot_dist,
+    "tf_vector": quat_apply,
+    "get_basis_vector": quat_rotate,
     "my_quat_rotate": quat_rotate,
+    "scale_transform": unscale,
+    "unscale_transform": scale,
     "saturate": tensor_clamp,
 }
-"""Functions in scope by name."""
+"""Functions in scope by name: all of this module, and further names of some."""

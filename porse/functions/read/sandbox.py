@@ -4,12 +4,13 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from subprocess import DEVNULL, PIPE, Popen
+from subprocess import DEVNULL, Popen
 from typing import Any, get_args
 
 from porse.errors import PorseError
@@ -29,8 +30,8 @@ class ProbeError(PorseError):
 class Sandbox(contextlib.ExitStack):
     """A running probe, which ends with its context. It starts at once, so that torch loads while the caller prepares states.
 
-    The child gets a scrubbed environment, an empty working directory, a session of its own and no open files but its
-    two pipes. What each function may use is limited in `porse.functions.read.confine`.
+    The child gets a scrubbed environment, an empty working directory, a session of its own and no open file but the
+    socket to its parent. What each function may use is limited in `porse.functions.read.confine`.
     """
 
     def __init__(self, limits: Limits, module: str = "porse.functions.read.probe") -> None:
@@ -52,9 +53,12 @@ class Sandbox(contextlib.ExitStack):
         environment |= {"LC_ALL": "C.UTF-8", "HOME": self._folder, "TMPDIR": self._folder}
         environment["PYTHONPATH"] = str(Path(__file__).resolve().parents[3])
         command = [sys.executable, "-P", "-s", "-m", self._module, json.dumps(asdict(self._limits))]
-        process = Popen(
-            command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
-        )
+        ours, its = socket.socketpair()
+        self._peer = self.enter_context(ours)
+        with its:
+            process = Popen(
+                command, stdin=its.fileno(), stdout=DEVNULL, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
+            )
         self._process = self.enter_context(process)
         self.callback(self._kill)
 
@@ -77,9 +81,10 @@ class Sandbox(contextlib.ExitStack):
 
     def judge(self, reply: str, kind: Kind) -> tuple[Verdict, str]:
         """Returns the verdict on one reply and the source of the function in it, "" when it did not pass."""
-        answer = self._answer({"reply": reply, "kind": kind}, 2 * self._limits.wall_s + 10.0)
+        answer = self._answer({"reply": reply, "kind": kind}, self._limits.wall_s + 10.0)
         try:
-            return _verdict(answer), str(answer["source"])
+            verdict = _verdict(answer)
+            return verdict, str(answer["source"]) if verdict.passed else ""
         except (KeyError, TypeError, ValueError, OverflowError):
             self.close()
             self._start()
@@ -89,12 +94,9 @@ class Sandbox(contextlib.ExitStack):
 
     def _answer(self, message: Mapping[str, Any], wall_s: float) -> dict[str, Any]:
         """Returns the child's answer to a message, {} when it has ended, or gives none in time."""
-        pipes = self._process.stdin, self._process.stdout
-        assert pipes[0] is not None  # both were opened as pipes
-        assert pipes[1] is not None
-        with contextlib.suppress(BrokenPipeError, TimeoutError):
-            send(pipes[0].fileno(), message)
-            return receive(pipes[1].fileno(), wall_s)
+        send(self._peer, message)
+        with contextlib.suppress(TimeoutError):
+            return receive(self._peer, wall_s)
         return {}
 
 

@@ -18,10 +18,20 @@ from torch import Tensor
 from porse.functions.read.runnable import FILE, RootColumns, compiled, main_function
 from porse.functions.read.source import Source
 from porse.functions.read.states import of_environments
-from porse.functions.read.tidy import tidied
 from porse.functions.run.operators import Watch, decides_by_data, operator
-from porse.functions.run.program import MAX_CONSTANTS, MAX_STEPS, TYPES, Program, Register, Rows, Share, Step, mapped
-from porse.functions.run.shapes import BY_MASK, check_call
+from porse.functions.run.program import (
+    MAX_CONSTANTS,
+    MAX_STEPS,
+    TYPES,
+    Program,
+    Register,
+    Rows,
+    Share,
+    Step,
+    mapped,
+    registers,
+)
+from porse.functions.run.shapes import BY_MASK, TOO_MUCH, check_call, is_too_much
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, Check, CodeError, Kind, plain_name
 
 _LEFT_OUT = frozenset(("device", "pin_memory", "layout", "non_blocking", "copy"))
@@ -189,11 +199,9 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
                     call = recorder.begin_call()
                     _finish(kind, main(), count, recorder)
                     calls.append(call)
-            if not call.variables:
-                raise CodeError("constant", "the function reads no state of the task, so its output never changes")
         if repr(calls[0]) != repr(calls.pop(1)):  # repr tells 1 from 1.0, and one NaN is like another
             raise CodeError("static", "the function keeps something from one call to the next, which is not allowed")
-        return tidied(_unified(kind, calls, counts))
+        return _program(kind, calls, counts)
     except CodeError as error:
         check, text, line = error.check, str(error), error.line or _line_of(error)
     except RecursionError:
@@ -201,8 +209,8 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
     except Exception as error:  # whatever Python raises, the function has failed
         check, line = "type" if isinstance(error, TypeError | AttributeError) else "run", _line_of(error)
         text = "Python says: " + re.sub(r"\s+", " ", str(error))[:600]
-        if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
-            check, text = "memory", "the function needs more memory than it may use"
+        if is_too_much(error):
+            check, text = "memory", TOO_MUCH
     raise CodeError(check, text, line or source.last_line)
 
 
@@ -265,32 +273,65 @@ def _kind(value: Any) -> str:
     return {"Tensor": "one tensor"}.get(type(value).__name__, type(value).__name__)
 
 
-def _unified(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Program:
-    """Returns the one list that all calls are instances of."""
+def _program(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Program:
+    """Returns the one list that all calls are instances of, with as few steps as are needed.
+
+    Where nothing is written over, equal steps are equal, and copies of constants are the constants. What no result and no
+    writing step hangs on is left out.
+    """
     first = calls[0]
-    forms = [repr((dataclasses.replace(c, steps=[]), [(s.operator, s.makes) for s in c.steps])) for c in calls]
+    forms = [repr((dataclasses.replace(c, steps=[]), [(s.operator, s.keywords, s.makes) for s in c.steps])) for c in calls]
     if len(set(forms)) > 1:
         raise CodeError("static", _GROWS)
-    starts = (0, len(first.variables), len(first.variables) + len(first.constants))
-
-    def register(index: int) -> int:
-        return starts[index // _KIND] + index % _KIND
 
     def one(found: Sequence[Any]) -> Any:
         if all(isinstance(value, tuple) and len(value) == len(found[0]) for value in found):
             return tuple(one(parts) for parts in zip(*found, strict=True))
-        if any(repr(value) != repr(found[0]) for value in found):
-            return _number(found, counts)
-        return Register(register(found[0].index)) if isinstance(found[0], Register) else found[0]
+        return found[0] if all(repr(value) == repr(found[0]) for value in found) else _number(found, counts)
 
-    steps = tuple(
-        Step(same[0].operator, one([s.arguments for s in same]), one([s.keywords for s in same]), same[0].makes)
-        for same in zip(*(call.steps for call in calls), strict=True)
-    )
-    constants = tuple(torch.tensor(values, dtype=dtype) for dtype, values in first.constants)
+    writes = {step.operator for step in first.steps if operator(step.operator).writes}
+    same: dict[int, int] = {}
+    seen: dict[str, int] = {}
+    steps: dict[int, Step] = {}
+    start = 2 * _KIND
+    for found in zip(*(call.steps for call in calls), strict=True):
+        step = _moved(dataclasses.replace(found[0], arguments=one([step.arguments for step in found])), same)
+        is_copy = step.operator == "clone.default" and step.arguments[0].index < 2 * _KIND
+        equal = step.arguments[0].index if is_copy else seen.setdefault(repr(step), start)
+        if writes or equal == start:
+            steps[start] = step
+        else:
+            same |= {start + index: equal + index for index in range(step.makes)}
+        start += step.makes
+    results = [same.get(result, result) for result in first.results]
+    live = set(results)
+    for start, step in reversed([*steps.items()]):
+        if step.operator not in writes and live.isdisjoint(range(start, start + step.makes)):
+            del steps[start]
+        else:
+            live.update(registers(step.arguments))
+    given = [index for index in sorted(live) if index < 2 * _KIND]
+    made = [start + index for start, step in steps.items() for index in range(step.makes)]
+    new = {old: place for place, old in enumerate([*given, *made])}
+    constants = (torch.tensor(values, dtype=dtype) for dtype, values in first.constants)
     return Program(
-        kind, tuple(first.variables), constants, steps, tuple(map(register, first.results)), first.names, first.rises
+        kind,
+        tuple(name for index, name in enumerate(first.variables) if index in live),
+        tuple(value for index, value in enumerate(constants, start=_KIND) if index in live),
+        tuple(_moved(step, new) for step in steps.values()),
+        tuple(new[result] for result in results),
+        first.names,
+        first.rises,
     )
+
+
+def _moved(step: Step, to: Mapping[int, int]) -> Step:
+    """Returns a step that reads other registers in place of some."""
+
+    def changed(leaf: Any) -> Any:
+        return Register(to.get(leaf.index, leaf.index)) if isinstance(leaf, Register) else leaf
+
+    return dataclasses.replace(step, arguments=mapped(step.arguments, changed))
 
 
 def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:

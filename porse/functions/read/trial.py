@@ -1,21 +1,16 @@
-"""The first runs of an operator list, on real states, on more environments and on disturbed states, and their verdict.
-
-It is tried in a process that has never run the function itself, so that no trick of Python reaches the one who judges.
-"""
+"""The first runs of an operator list, on real states, on more environments and on disturbed states, and their verdict."""
 
 import contextlib
 from collections.abc import Mapping
-from itertools import product
-from typing import Any, get_args
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from porse.functions.read.states import of_environments
-from porse.functions.run import sleef
 from porse.functions.run.execute import MappingFunction, RewardFunction
 from porse.functions.run.operators import base_of
-from porse.functions.run.program import Program, read_program, registers
+from porse.functions.run.program import Program, registers
 from porse.functions.run.shapes import makes_pairs
 from porse.functions.verdict import CodeError, words
 
@@ -38,27 +33,26 @@ _STEPS = words("""
 Loaded = RewardFunction | MappingFunction
 
 
-def try_program(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the names, directions and warning of a verdict on an operator list that passed.
+def try_program(program: Program, values: Mapping[str, Any]) -> str:
+    """Returns the warning of a verdict on an operator list that passed, "" for none.
 
     Args:
-        text: the list.
+        program: the list.
         values: the value of each variable in real states.
 
     Raises:
         CodeError: it does not pass.
     """
-    program = read_program(text)
     if not program.variables:
         raise CodeError("constant", "the function reads no state of the task, so its output never changes")
-    function = (RewardFunction if program.kind == "reward" else MappingFunction)(text, portable=True)
+    function = (RewardFunction if program.kind == "reward" else MappingFunction)(program.text, portable=True)
     states = {name: values[name] for name in ("num_envs", *program.variables)}
     with torch.inference_mode():
         outputs = _outputs(function, states)
         _check_values(program, states, outputs)
         _check_reacts(function, states, outputs)
         _outputs(function, of_environments(states, _MANY))
-        return {"names": program.names, "rises": program.rises, "warning": _check_rows(function, states, outputs)}
+        return _check_rows(function, states, outputs)
 
 
 def _outputs(function: Loaded, values: Mapping[str, Any]) -> dict[str, Tensor]:
@@ -163,10 +157,3 @@ def _numbers(value: Tensor) -> str:
     """Returns the first numbers of a tensor, four digits each."""
     text = ", ".join(f"{float(number):.4g}" for number in value.reshape(-1)[:8])
     return text if value.dim() == 0 else f"[{text}{', ...' if value.numel() > 8 else ''}]"
-
-
-def make_sleef() -> None:
-    """Has Sleef's operators made, so that no list needs to make them later."""
-    if sleef.is_needed():
-        for function, precision in product(get_args(sleef.Function), get_args(sleef.Precision)):
-            sleef.operator(function, precision)

@@ -17,7 +17,7 @@ from torch import Tensor
 from porse.functions.run.operators import Operator, Watch, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, at, filled, read_program, registers
-from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, called, check_shapes, shapes_of
+from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, called, check_shapes, is_too_much, shapes_of
 from porse.functions.verdict import CodeError, Kind, words
 
 Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
@@ -79,10 +79,9 @@ class _Function:
         except CodeError:
             raise
         except Exception as error:  # whatever torch raises, the function has failed
-            text = str(error)
-            if isinstance(error, MemoryError) or "DefaultCPUAllocator" in text or "bad_alloc" in text:
+            if is_too_much(error):
                 raise CodeError("memory", TOO_MUCH) from None
-            text = text.splitlines()[0][:600] if text else type(error).__name__
+            text = (str(error) or type(error).__name__).splitlines()[0][:600]
             raise CodeError("run", f"torch says: {text}") from None
         return [slots[index] for index in self.program.results]
 
@@ -132,7 +131,7 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
         op, example, keywords = called(step, FEW[0], few.values[0].device if few.values else None)
         if not op.writes and last.keys().isdisjoint(range(made, made + step.makes)):
             continue  # nobody reads it
-        arguments, by_name = [*step.arguments], keywords | dict(step.keywords)
+        arguments = [*step.arguments]
         call = portable(op.name, step.arguments) if portably else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):
@@ -140,11 +139,11 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
             if op.base in _IN_PLACE and not op.writes and _is_free(program, few, arguments[0], made, number, last):
                 op = operator(op.name.replace(".", "_.", 1))
             call = _quickest(op, filled(example, few.values), keywords)
-        if by_name:
-            call = functools.partial(_named, (*by_name,), call)
+        if keywords:
+            call = functools.partial(call, **keywords)
         if op.returns != 1:
             call = functools.partial(_parted, step.makes, call)
-        taking = _taking([place(value) for value in [*arguments, *by_name.values()]])
+        taking = _taking([place(value) for value in arguments])
         runs.append((call, taking, made if op.returns == 1 else slice(made, made + step.makes)))
     return tuple(slots[len(program.variables) :]), runs
 
@@ -178,11 +177,6 @@ def _taking(places: Sequence[int]) -> Callable[[list[Any]], Any]:
     """Returns what takes arguments from the slots, always as a sequence, which itemgetter alone does for several."""
     few = slice(places[0], places[0] + 1) if places else slice(0)
     return itemgetter(*places) if len(places) > 1 else itemgetter(few)
-
-
-def _named(names: Sequence[str], call: Callable[..., Any], *given: Any) -> Any:
-    """Returns the result of a call that is given its last arguments by name."""
-    return call(*given[: -len(names)], **dict(zip(names, given[-len(names) :], strict=True)))
 
 
 def _parted(count: int, call: Callable[..., Any], *arguments: Any) -> Sequence[Tensor]:

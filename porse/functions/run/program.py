@@ -198,26 +198,25 @@ def _expect(is_so: bool, expected: str, found: Any) -> None:
 
 def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any, names: Any, rises: Any) -> Program:
     """Returns the list that the parts of a JSON object hold, all of whose registers are there when they are read."""
-    count = sum(1 for _ in leaves([values for _, values in constants]))
-    _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
-    _expect(_depth([values for _, values in constants]) <= MAX_DEPTH + 1, "constants of little depth", "deeper ones")
     _expect(len(steps) <= MAX_STEPS, f"at most {MAX_STEPS} steps", len(steps))
     _expect(kind in ("reward", "mapping"), "a reward or a mapping", kind)
     program = Program(
         kind,
         tuple(map(_word, variables)),
-        tuple(torch.tensor(mapped(values, _number), dtype=TYPES[dtype]) for dtype, values in constants),
+        tuple(torch.tensor(mapped(values, _argument), dtype=TYPES[dtype]) for dtype, values in constants),
         tuple(_step(*step) for step in steps),
         tuple(_whole(index, 0) for index in results),
         tuple(names),
         tuple(rises),
     )
+    count, depth = (sum(c.numel() for c in program.constants), max((c.dim() for c in program.constants), default=0))
+    _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
+    _expect(depth <= MAX_DEPTH, "constants of little depth", depth)
     _expect(len(set(program.variables)) == len(program.variables), "each variable once", program.variables)
-    for step, made in zip(program.steps, program.starts, strict=True):
-        _expect(
-            all(index < made for index in registers(step.arguments)), "steps that read what is there", step.operator
-        )
-    made = program.first_made + sum(step.makes for step in program.steps)
+    made = program.first_made
+    for step in program.steps:
+        _expect(all(i < made for i in registers(step.arguments)), "steps that read what is there", step.operator)
+        made += step.makes
     _expect(all(index < made for index in results), "results that are there", results)
     most, counts = (MAX_COMPONENTS, (1, 0)) if kind == "reward" else (MAX_NAMES, (0, len(names)))
     is_paired = (len(results) - len(names), len(rises)) == counts
@@ -232,7 +231,8 @@ def _step(operator: Any, arguments: Any, keywords: Any, makes: Any) -> Step:
     _expect(keywords.keys() <= _KEYWORDS, "known keywords", f"{sorted(keywords)} in {operator}")
     _expect(_depth([arguments, [*keywords.values()]]) <= MAX_DEPTH + 2, "arguments of little depth", "deeper ones")
     given = tuple((name, mapped(value, _argument)) for name, value in sorted(keywords.items()))
-    _expect(not [*registers([value for _, value in given])], "keywords without registers", operator)
+    are_plain = not any(isinstance(leaf, Register | Rows | Share) for leaf in leaves(given))
+    _expect(are_plain, "keywords that are written out", operator)
     return Step(_word(operator), mapped(arguments, _argument), given, _whole(makes, 1, 1000))
 
 
@@ -242,7 +242,7 @@ def _depth(held: Any) -> int:
 
 
 def _argument(held: Any) -> Any:
-    """Returns a part of an argument that JSON holds."""
+    """Returns a part of an argument, or a number of a constant, that JSON holds."""
     match held:
         case dict():
             ((key, value),) = held.items()
@@ -252,14 +252,6 @@ def _argument(held: Any) -> Any:
         case None | bool() | float():
             return held
     return held if held == _NO_END else _whole(held)
-
-
-def _number(held: Any) -> Any:
-    """Returns a number of a constant; torch refuses what is none, or is too large."""
-    if not isinstance(held, dict):
-        return held
-    _expect(held.keys() == {"f"}, "numbers in its constants", sorted(held))
-    return _TAGGED["f"](held["f"])
 
 
 def _whole(value: Any, least: int = -MAX_WHOLE, most: int = MAX_WHOLE) -> int:

@@ -34,6 +34,11 @@ MAX_SMALL = 2**24
 """Most numbers of one tensor, or of what two could make together, in a small run."""
 
 
+def is_too_much(error: Exception) -> bool:
+    """Whether an error says that there is no more memory."""
+    return isinstance(error, MemoryError) or any(w in str(error) for w in ("DefaultCPUAllocator", "bad_alloc"))
+
+
 @dataclass(frozen=True)
 class Shapes:
     """What the registers of a list hold for a few environments.
@@ -89,8 +94,7 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
 def called(step: Step, num_envs: int, device: torch.device | None) -> tuple[Operator, list[Any], dict[str, Any]]:
     """Returns the operator, the arguments and the keywords of a step, for so many environments."""
     op = operator(step.operator)
-    keywords = {name: at(value, num_envs) for name, value in step.keywords}
-    return op, [*at(step.arguments, num_envs)], keywords | ({"device": device} if op.makes else {})
+    return op, [*at(step.arguments, num_envs)], dict(step.keywords) | ({"device": device} if op.makes else {})
 
 
 def _size(op: Operator, arguments: Sequence[Any]) -> int:
