@@ -147,7 +147,7 @@ def test_another_executor_is_refused_wherever_it_lies_in_the_alphabet(monkeypatc
 # Memory.
 
 
-@pytest.mark.parametrize(("taken", "failure"), [(70, ""), (130, "refused")])
+@pytest.mark.parametrize(("taken", "failure"), [(70, ""), (700, "refused")])
 def test_a_training_may_take_so_much_memory_beyond_what_it_began_with(works, small, tmp_path, taken, failure):
     def train(job, params, report):
         try:
