@@ -12,6 +12,7 @@ from rsl_rl.algorithms import PPO
 
 from porse import numerics
 from porse.config import load_params
+from porse.training.gradients import of_clamped
 from porse.training.ppo import build_ppo
 from porse.training.snapshot import optimizer_arrays, policy_arrays
 from porse.training.vecenv import observation_groups
@@ -24,6 +25,7 @@ VARIED = {
     "entropy": {"entropy": 0.02},
     "relu": {"activation": "relu", "entropy": 0.03, "normalise_observations": False},
     "tanh": {"activation": "tanh", "hidden": (8,)},
+    "three hidden layers": {"hidden": (9, 8, 7)},
     "one minibatch": {"passes": 3, "minibatches": 1},
     "two samples left over": {"minibatches": 4},
     "sizes of a training": {"num_envs": 129, "hidden": (64, 64)},
@@ -123,6 +125,14 @@ def test_deviations_that_fell_below_the_least_one_learn_nothing_as_in_the_librar
     assert ppo.actor.distribution.std_param[1].item() == pytest.approx(1e-7)
 
 
+def test_what_was_clamped_has_its_gradient_inside_and_at_both_ends():
+    gradient, argument = torch.tensor([1.0, 2.0, 3.0, 4.0, 5.0]), torch.tensor([-2.5, -2.0, 0.5, 1.5, 1.75])
+    assert of_clamped(gradient, argument, -2.0, 1.5).tolist() == [0.0, 2.0, 3.0, 4.0, 0.0]
+    leaf = argument.clone().requires_grad_()
+    leaf.clamp(-2.0, 1.5).backward(gradient)
+    assert leaf.grad.tolist() == [0.0, 2.0, 3.0, 4.0, 0.0]
+
+
 _FAST = """
 import sys
 from porse import numerics
@@ -140,4 +150,4 @@ def test_the_same_holds_in_the_profile_fast():
         [sys.executable, "-c", _FAST, __file__], env=environment, cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
-    assert f"{len(VARIED) + 1} passed" in done.stdout
+    assert f"{len(VARIED) + 2} passed" in done.stdout
