@@ -314,6 +314,12 @@ ITERATIONS = Table(
             "share of the cells that the winner visited, at its last epoch and since counts last began; 0 without cells",
             "finite",
         ),
+        Column(
+            "new_cells",
+            _REAL,
+            "how many cells the winner was in for the first time since counts last began, mean over its epochs; 0 without cells",
+            "finite",
+        ),
         Column("epochs", _INT, "epochs spent on all candidates"),
         Column("environment_steps", _INT, "environment steps of those epochs"),
         Column("replies", _INT, "replies with a function in them that were read"),

@@ -194,6 +194,8 @@ def whole():
             *curve(1, "6", "a", [0.9], first=3, series="bonus_share"),
             *curve(1, "1", "a", [0.3, 0.7], series="cells_visited"), *curve(1, "1", "b", [0.8], series="cells_visited"),
             *curve(1, "6", "a", [0.4], first=3, series="cells_visited"), *curve(2, "1", "a", [5.0, 3.0]), *curve(2, "1", "c", [2.0]),
+            *curve(1, "1", "a", [9.0, 3.0], series="new_cells"), *curve(1, "6", "a", [7.5], first=3, series="new_cells"),
+            *curve(1, "1", "b", [90.0], series="new_cells"), *curve(2, "1", "c", [4.0], series="new_cells"),
         ],
         survivors=[
             survivor(1, "1", 0, "b", 9.0), survivor(1, "6", 0, "a", 4.5), survivor(2, "6", 0, "a", 3.5),
@@ -213,11 +215,13 @@ def test_an_iteration_reports_its_winner_and_the_best_of_all_its_trainings(param
         "mts": 8.0, "winner_mts": 6.0, "score": 4.5,
         # of both in the first rung, (0.5 + 0.25 + 0.125) / 3; the winner's at its last epoch, when counts had begun anew
         "bonus_share": pytest.approx(0.875 / 3), "cells_visited": 0.4,
+        # the winner's own, (9 + 3 + 7.5) / 3
+        "new_cells": 6.5,
         # three epochs of a and one of b, each of 3 x 7 steps
         "epochs": 4, "environment_steps": 84, "replies": 3, "valid_replies": 2, "repairs": 1,
     }  # fmt: skip
     assert part(first, expected) == expected
-    assert (second["winner_id"], second["beta"], second["alpha"]) == ("a", 1.6, 0.9)
+    assert (second["winner_id"], second["beta"], second["alpha"], second["new_cells"]) == ("a", 1.6, 0.9, 0.0)
     assert (second["mts"], second["winner_mts"], second["score"], second["epochs"]) == (5.0, 5.0, 3.5, 3)
 
 

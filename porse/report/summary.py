@@ -22,7 +22,7 @@ from porse.report.run import Evaluation, Run
 from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
 
-_BY_ITERATION = ("score", "mts", "beta", "alpha", "bonus_share", "cells_visited")
+_BY_ITERATION = ("score", "mts", "beta", "alpha", "bonus_share", "cells_visited", "new_cells")
 """What metrics say of each iteration."""
 
 
@@ -38,6 +38,9 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
     curves = [row for row in run.curves if row["iteration"] == n]
     fitness = [row for row in curves if row["series"] == "fitness"]
     own = [row["value"] for row in fitness if row["candidate_id"] == winner["candidate_id"]]
+    found = [
+        row["value"] for row in curves if (row["series"], row["candidate_id"]) == ("new_cells", winner["candidate_id"])
+    ]
     first = str(params.rungs[0].rung)
     shares = [row["value"] for row in curves if row["series"] == "bonus_share" and row["rung"] == first]
     cells = {
@@ -56,6 +59,7 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
         "score": survivor["score"],
         "bonus_share": math.fsum(shares) / len(shares) if shares else 0.0,
         "cells_visited": cells[max(cells)] if cells else 0.0,
+        "new_cells": math.fsum(found) / len(found) if found else 0.0,
         "epochs": len(fitness),
         "environment_steps": len(fitness) * params.train.num_envs * params.train.steps_per_epoch,
         "replies": len(verdicts),
