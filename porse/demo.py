@@ -21,6 +21,7 @@ from porse.pool import BEST, policy_file
 from porse.report.markdown import results_table
 from porse.report.page import page_of, render
 from porse.report.results import read_results
+from porse.repro import check_start
 from porse.show import choose_renderer, has_display
 
 SMOKE = Path(__file__).with_name("smoke.yaml")
@@ -60,6 +61,7 @@ def demo(out: Path, path: Path, opens: bool) -> None:
         )
     document = smoke(load_document(path))
     params = parse_params(document, f"{path} at the size smoke")
+    check_start(params)
     out.mkdir(parents=True, exist_ok=True)
     (out / "params.yaml").write_text(render_yaml(document), encoding="utf-8")
     # Nothing here asks anybody, whatever the shell says.

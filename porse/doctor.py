@@ -25,6 +25,7 @@ from porse.pipeline import check_pipeline
 from porse.processes import memory_mib
 from porse.repro import has_source_control
 from porse.show import draws
+from porse.training.memory import check_memory
 
 State = Literal["ok", "warning", "problem"]
 
@@ -249,10 +250,11 @@ def renderer() -> Finding:
 
 
 def parameters(root: Path) -> Finding:
-    """Returns whether params.yaml is right, and the pipeline the one that it asks for."""
+    """Returns whether params.yaml is right, the pipeline the one that it asks for, and memory enough for it."""
     try:
         params = load_params(root / "params.yaml", root)
         check_pipeline(root, params)
+        check_memory(params)
     except (PorseError, OSError) as error:
         return Finding("parameters", "problem", str(error), "mend what it says")
     return Finding("parameters", "ok", f"{params.method} on {params.task}, numerics: {params.numerics}")
