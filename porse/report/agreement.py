@@ -11,6 +11,7 @@ from typing import Any
 from porse.config import Params
 from porse.errors import TableError
 from porse.report.run import Evaluation, Run
+from porse.search.schedule import DRAW
 from porse.tables import Row
 
 _SOMETIMES = frozenset({"episode_length"})
@@ -33,7 +34,7 @@ def check_agreement(run: Run, iterations: Sequence[Row], evaluation: Evaluation,
     _refuse(
         (
             *_iterations(iterations, run.curves),
-            *_functions(iterations, run.replies, run.verdicts),
+            *_replies(iterations, run.replies, run.verdicts, run.mutants),
             *_candidates(run),
             *_curves(run),
             *_ranks(run),
@@ -76,16 +77,27 @@ def _iterations(iterations: Sequence[Row], curves: Sequence[Row]) -> Iterator[st
         yield f"iteration {others[0]} in curves and not in iterations"
 
 
-def _functions(iterations: Sequence[Row], replies: Sequence[Row], verdicts: Sequence[Row]) -> Iterator[str]:
+def _replies(
+    iterations: Sequence[Row], replies: Sequence[Row], verdicts: Sequence[Row], mutants: Sequence[Row]
+) -> Iterator[str]:
     asked = {_place(row) for row in replies if row["kind"] in ("reward", "mapping")}
     judged = {_place(row) for row in verdicts}
     for lacking, has, has_not in ((asked - judged, "replies", "verdicts"), (judged - asked, "verdicts", "replies")):
         if lacking:
             iteration, kind, slot, attempt, _ = min(lacking)
             yield f"the {kind} of iteration {iteration}, slot {slot}, attempt {attempt} in {has} and not in {has_not}"
+    # A reply of values has no verdict: its first is there, and each further attempt follows one.
+    values = {(row["iteration"], row["varied"]) for row in mutants if row["varied"] != DRAW}
+    attempts: defaultdict[tuple[int, str], list[int]] = defaultdict(list, {name: [] for name in sorted(values)})
+    for row in replies:
+        if row["kind"] not in ("reward", "mapping"):
+            attempts[row["iteration"], row["kind"]].append(row["attempt"])
+    for (iteration, kind), own in attempts.items():
+        if sorted(own) != [*range(max(len(own), 1))]:
+            yield f"attempts {sorted(own)} to get values of {kind} in replies of iteration {iteration}"
     for row in iterations:
-        own = [verdict for verdict in verdicts if verdict["iteration"] == row["iteration"]]
-        counts = {"replies": len(own), "valid_replies": sum(verdict["passed"] for verdict in own)}
+        of = [verdict for verdict in verdicts if verdict["iteration"] == row["iteration"]]
+        counts = {"replies": len(of), "valid_replies": sum(verdict["passed"] for verdict in of)}
         for name, count in counts.items():
             if row[name] != count:
                 yield f"{row[name]} {name} of iteration {row['iteration']} in iterations and {count} in verdicts"
