@@ -95,8 +95,7 @@ def _run_entry(
     log.parent.mkdir(exist_ok=True)
     code = _reproduce(folders.work, log, lock, warm)
     result = folders.result(name)
-    if result.exists():
-        shutil.rmtree(result)
+    _set_aside(result, folders.earlier(name))
     result.mkdir(parents=True)
     if code:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -110,6 +109,19 @@ def _run_entry(
     shutil.copytree(folders.work / "results", result / "results")
     write_json(result / "done.json", resolved.ids)
     return True
+
+
+def _set_aside(result: Path, earlier: Path) -> None:
+    """Makes way for a new result: one that was done becomes the earlier one, a failed one is taken away."""
+    if not result.exists():
+        return
+    if not (result / "done.json").is_file():
+        shutil.rmtree(result)
+        return
+    if earlier.exists():
+        shutil.rmtree(earlier)
+    earlier.parent.mkdir(parents=True, exist_ok=True)
+    result.rename(earlier)
 
 
 def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int:
