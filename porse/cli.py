@@ -27,6 +27,7 @@ from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
     "export": "porse.export:export",
+    "init": "porse.init:init",
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",

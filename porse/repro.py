@@ -13,6 +13,7 @@ from types import FrameType
 
 from porse.config import Params, load_params
 from porse.errors import PorseError
+from porse.paths import python_of_stages
 from porse.pipeline import write_pipeline
 from porse.plan import write_plan
 from porse.processes import die_with_parent
@@ -56,7 +57,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
         plan = Path(scratch) / "plan.json"
         write_plan(plan, params)
-        environment = {**os.environ, **found, "PORSE_PLAN": str(plan)}
+        environment = {**os.environ, **python_of_stages(root), **found, "PORSE_PLAN": str(plan)}
         if progress:
             environment["PORSE_PROGRESS"] = progress
         process = subprocess.Popen(command, cwd=root, env=environment, preexec_fn=end_with_this)

@@ -29,7 +29,7 @@ LAYERS: list[set[str]] = [
     {"iteration", "plan", "repair"},
     {"outdated", "repro", "schema"},
     {"show", "status", "suite"},
-    {"doctor", "demo", "export"},
+    {"doctor", "demo", "export", "init"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

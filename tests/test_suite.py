@@ -548,9 +548,9 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
         assert (project / lock).read_bytes() == (result / lock).read_bytes()
     assert (project / "metrics.json").read_bytes() == (result / "metrics.json").read_bytes()
 
-    # With another learning rate it runs again, and what came out before is kept beside it.
+    # With longer epochs it runs again, and what came out before is kept beside it.
     before = json.loads((result / "metrics.json").read_text())
-    again = {**PLAIN, "methods": ["sparse"], "overrides": {"generator": "grammar", "train": {"learning_rate": 0.01}}}
+    again = {**PLAIN, "methods": ["sparse"], "overrides": {"generator": "grammar", "train": {"steps_per_epoch": 8}}}
     (project / "a.yaml").write_text(yaml.safe_dump(again))
     assert running.suite("run", "a.yaml").returncode == 0
     found = json.loads(running.suite("status", "a.yaml", "--diff", "--json").stdout)

@@ -75,7 +75,7 @@ reasons = duckdb.sql('''
     FROM 'results/verdicts.parquet' v
     JOIN 'results/replies.parquet' r USING (iteration, kind, slot, attempt)
     GROUP BY ALL
-    ORDER BY functions DESC, ALL
+    ORDER BY functions DESC, r.answered_by, v.kind, v."check"
 ''')
 print(reasons)
 ```

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from porse.paths import python_of_stages
 from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
 from porse.repair import repair
@@ -139,7 +140,7 @@ def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int
         return subprocess.run(
             [*DVC, "repro"],
             cwd=work,
-            env={**os.environ, **warm},
+            env={**os.environ, **python_of_stages(work), **warm},
             stdout=output,
             stderr=subprocess.STDOUT,
             pass_fds=(lock,),
