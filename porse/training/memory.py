@@ -1,7 +1,8 @@
 """What a training will fill of the machine's memory, estimated before anything starts.
 
 The numbers were fitted to trainings of five tasks, from Quadcopter to two hands, with 256 to 16 384 environments: the
-estimate is within a fifth of what each filled beyond the libraries. It refuses what cannot fit, and changes no result.
+estimate is two thirds of what each filled beyond the libraries, or more, and never all of it. It refuses what cannot fit, and
+changes no result.
 """
 
 from porse.config import Params, TrainParams
