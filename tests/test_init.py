@@ -1,5 +1,6 @@
 """A project outside the repository: from a checkout, and from a wheel that was built and unpacked, with the real commands."""
 
+import hashlib
 import json
 import re
 import subprocess
@@ -127,6 +128,20 @@ TINY = {
 }
 
 
+def test_the_pipeline_of_an_installed_wheel_starts_with_the_package_as_it_is_there(installed, tmp_path):
+    where = {"PYTHONPATH": str(installed)}
+    run(tmp_path, *PORSE, "init", "mine", **where)
+    project = tmp_path / "mine"
+    # From a folder below, as everywhere.
+    done = run(project / "my_tasks", *PORSE, "repro", "resolve", "begin", **where)
+    assert re.findall(r"Running stage '([^']+)'", done.stdout) == ["resolve", "begin"]
+    assert (project / "run" / "1" / "start" / "policies" / "random.safetensors").is_file()
+    inputs = json.loads((project / "inputs" / "begin.json").read_text())["files"]
+    checkpoint = (installed / "porse" / "checkpoint.py").read_bytes()
+    assert inputs["porse/checkpoint.py"] == hashlib.sha256(checkpoint).hexdigest()
+
+
+@pytest.mark.slow
 def test_a_project_of_an_installed_wheel_runs_from_end_to_end_and_again_for_what_has_changed(installed, tmp_path):
     where = {"PYTHONPATH": str(installed)}
     run(tmp_path, *PORSE, "init", "mine", **where)
