@@ -49,7 +49,7 @@ def code_root(root: Path) -> Path:
 
 def has_own_package(root: Path) -> bool:
     """Returns whether a project brings the package along, as a checkout does; one of `porse init` uses the installed one."""
-    return (root / "porse" / "__init__.py").is_file()
+    return (root / "porse").is_dir()
 
 
 def python_of_stages(root: Path) -> dict[str, str]:
