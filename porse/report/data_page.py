@@ -35,19 +35,19 @@ Any reader of Parquet will do. The examples want `pip install duckdb pandas` and
 `porse report` and `porse trends` check that the tables of a run agree in counts and ids.
 """
 
-EXAMPLES = """## With DuckDB
+EXAMPLES = '''## With DuckDB
 
 The winners, and what their bonus was worth:
 
 ```python
 import duckdb
 
-winners = duckdb.sql('''
+winners = duckdb.sql("""
     SELECT i.iteration, c.origin, c.beta, c.alpha, i.score, i.bonus_share
     FROM 'results/iterations.parquet' i
     JOIN 'results/candidates.parquet' c ON c.iteration = i.iteration AND c.candidate_id = i.winner_id
     ORDER BY i.iteration
-''')
+""")
 print(winners)
 ```
 
@@ -56,12 +56,12 @@ Who was in each rung, best first, and how each ended:
 ```python
 import duckdb
 
-rungs = duckdb.sql('''
+rungs = duckdb.sql("""
     SELECT s.iteration, s.rung, s.rank, s.candidate_id, c.origin, s.score, s.survives, c.failure
     FROM 'results/scores.parquet' s
     JOIN 'results/candidates.parquet' c USING (iteration, candidate_id)
     ORDER BY s.iteration, s.rung, s.rank
-''')
+""")
 print(rungs)
 ```
 
@@ -70,13 +70,13 @@ Why functions did not pass, and who had written them:
 ```python
 import duckdb
 
-reasons = duckdb.sql('''
+reasons = duckdb.sql("""
     SELECT r.answered_by, v.kind, v."check", count(*) AS functions, any_value(v.message) AS example
     FROM 'results/verdicts.parquet' v
     JOIN 'results/replies.parquet' r USING (iteration, kind, slot, attempt)
     GROUP BY ALL
     ORDER BY functions DESC, r.answered_by, v.kind, v."check"
-''')
+""")
 print(reasons)
 ```
 
@@ -85,13 +85,13 @@ Several runs at once, those of a suite: `filename` says which entry a row is of.
 ```python
 import duckdb
 
-best = duckdb.sql('''
+best = duckdb.sql("""
     SELECT filename, max(value) AS mts
     FROM read_parquet('.porse/suites/*/results/*/results/curves.parquet', filename = true)
     WHERE series = 'fitness'
     GROUP BY filename
     ORDER BY mts DESC
-''')
+""")
 print(best)
 ```
 
@@ -129,7 +129,7 @@ outcomes = pandas.read_parquet("results/episodes.parquet").outcome
 success = outcomes.describe()
 print(success)
 ```
-"""
+'''
 
 
 def data_page() -> str:
