@@ -21,12 +21,13 @@ from porse.paths import at_root
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.report.trends import read_finished, trends, trends_table
-from porse.repro import HOW_ON, reproduce
+from porse.repro import HOW_ON, check_start, reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
     "export": "porse.export:export",
+    "init": "porse.init:init",
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",
@@ -50,6 +51,7 @@ _HOW_ON = {
 """What to do after Ctrl-C, by the command."""
 
 FOLDER = click.Path(file_okay=False, path_type=Path)
+EXISTING = click.Path(exists=True, file_okay=False, path_type=Path)
 
 
 class _Porse(click.Group):
@@ -149,13 +151,14 @@ def show_schedule(path: Path, as_json: bool) -> None:
 @click.option(
     "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
 )
-@click.option("--prompts", default="prompts", show_default=True, type=FOLDER, help="The prompts' templates.")
+@click.option("--prompts", default="prompts", show_default=True, type=EXISTING, help="The prompts' templates.")
 @click.option("--cache", default="llm_cache", show_default=True, type=FOLDER, help="The recorded replies.")
 def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
     """Run params.yaml in one process, without DVC: the same bytes, nothing tracked, nothing skipped."""
     params = load_params(path)
     # Before torch is imported.
     numerics.apply(params.numerics)
+    check_start(params)
     from porse.generation.states import checker
     from porse.iteration import Place, run
 
@@ -269,7 +272,7 @@ def show_results(path: Path, as_json: bool) -> None:
 
 
 @main.command("trends")
-@click.argument("runs", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("runs", nargs=-1, type=EXISTING)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_trends(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print beta and alpha of the winners by iteration, over the finished runs in the folders RUNS, `.` by default."""

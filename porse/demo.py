@@ -21,6 +21,7 @@ from porse.report.markdown import results_table
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
+from porse.repro import check_start
 from porse.show import choose_renderer, has_display
 
 SMOKE = Path(__file__).with_name("smoke.yaml")
@@ -58,6 +59,7 @@ def demo(out: Path, path: Path, opens: bool) -> None:
         )
     document = smoke(load_document(path))
     params = parse_params(document, f"{path} at the size smoke")
+    check_start(params)
     out.mkdir(parents=True, exist_ok=True)
     (out / "params.yaml").write_text(render_yaml(document), encoding="utf-8")
     # Nothing here asks anybody, whatever the shell says.

@@ -20,11 +20,12 @@ from porse import numerics
 from porse.config import Params, load_params
 from porse.errors import CacheError, PorseError
 from porse.llm.store import Store
-from porse.paths import project_root
+from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
 from porse.processes import memory_mib
 from porse.repro import has_source_control
 from porse.show import draws
+from porse.training.memory import check_memory
 
 State = Literal["ok", "warning", "problem"]
 
@@ -198,7 +199,7 @@ def cores_and_memory() -> Finding:
 
 
 def packages(lock: Path) -> Finding:
-    """Returns whether the packages of the lock are installed in its versions."""
+    """Returns whether the packages of the lock are installed in its versions; a project of `porse init` may have others."""
     try:
         text = lock.read_text(encoding="utf-8")
     except OSError:
@@ -222,9 +223,9 @@ def packages(lock: Path) -> Finding:
         more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
         return Finding(
             "packages",
-            "problem",
+            "problem" if has_own_package(lock.parent) else "warning",
             f"expected the {len(pins)} versions of {lock.name}, found {', '.join(wrong[:5])}{more}",
-            "make setup, or: pip install --requirement requirements.lock",
+            "make setup, or: pip install --requirement requirements.lock, which gives the bits that others get",
         )
     return Finding("packages", "ok", f"all {len(pins)} as in {lock.name}")
 
@@ -249,10 +250,11 @@ def renderer() -> Finding:
 
 
 def parameters(root: Path) -> Finding:
-    """Returns whether params.yaml is right, and the pipeline the one that it asks for."""
+    """Returns whether params.yaml is right, the pipeline the one that it asks for, and memory enough for it."""
     try:
         params = load_params(root / "params.yaml", root)
         check_pipeline(root, params)
+        check_memory(params)
     except (PorseError, OSError) as error:
         return Finding("parameters", "problem", str(error), "mend what it says")
     return Finding("parameters", "ok", f"{params.method} on {params.task}, numerics: {params.numerics}")

@@ -1,17 +1,22 @@
 """Whether the results in the workspace are those of `params.yaml` as it is now: `porse results` says so where not.
 
-DVC's locks name the inputs of each stage that ran, and the inputs hold the parameters that it read (porse/inputs).
+DVC's locks name the inputs of each stage that ran, and the inputs hold the parameters that it read (porse/inputs). A fresh
+clone has locks and no inputs: there, the committed parameters are those of the run where they give the inputs that the locks
+name.
 """
 
+import functools
 import hashlib
 import json
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from porse.config import leaves, load_document, resolve_document
-from porse.documents import read_yaml
-from porse.errors import ParamsError
+from porse.documents import parse_yaml, read_yaml
+from porse.errors import ParamsError, PorseError
+from porse.inputs.resolve import resolve_inputs
 
 _SHOWN = 3
 """So many parameters that differ are named one by one."""
@@ -20,8 +25,8 @@ _SHOWN = 3
 def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
     """Returns the parameters that are no longer those of the run in `root`, by name, each as (then, now).
 
-    Only what the run's stages read counts, and of these only stages whose inputs are still in the workspace or in DVC's
-    cache: without them nothing is known, and nothing is returned.
+    Only what the run's stages read counts, and of these only stages whose inputs are in the workspace, in DVC's cache, or
+    follow from the committed `params.yaml`: without them nothing is known, and nothing is returned.
 
     Raises:
         ParamsError: `params.yaml` or a lock cannot be read.
@@ -29,8 +34,9 @@ def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
     where = root / "params.yaml"
     now = dict(leaves(resolve_document(load_document(where), str(where), root).document))
     found: dict[str, tuple[Any, Any]] = {}
-    for path, digest in sorted(_inputs_of_run(root)):
-        text = _content(root, path, digest)
+    committed = functools.cache(lambda: _committed_inputs(root))
+    for path, digest in sorted({*_inputs_of_run(root)}):
+        text = _content(root, path, digest) or committed().get(digest)
         if text is None:
             continue
         for name, value in leaves(json.loads(text)["parameters"]):
@@ -59,6 +65,20 @@ def another_run(root: Path) -> str | None:
     )
 
 
+def _committed_inputs(root: Path) -> dict[str, bytes]:
+    """Returns the inputs of all stages by their MD5, as the last commit's `params.yaml` and the code now give them."""
+    done = subprocess.run(["git", "show", "HEAD:./params.yaml"], cwd=root, capture_output=True)
+    if done.returncode:
+        return {}
+    where = "the committed params.yaml"
+    try:
+        inputs = resolve_inputs(root, parse_yaml(done.stdout.decode("utf-8", errors="replace"), where), where)
+    except (PorseError, OSError):
+        return {}
+    texts = [own.render().encode() for own in inputs.values()]
+    return {_md5(text): text for text in texts}
+
+
 def _inputs_of_run(root: Path) -> Iterator[tuple[str, str]]:
     """Yields path and MD5 of the inputs of each stage that ran, but for the one that writes them."""
     for path in (root / "dvc.lock", *(root / "iterations").glob("*/dvc.lock")):
@@ -77,6 +97,10 @@ def _content(root: Path, path: str, digest: str) -> bytes | None:
     for place in (root / path, root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]):
         if place.is_file():
             content = place.read_bytes()
-            if hashlib.md5(content, usedforsecurity=False).hexdigest() == digest:
+            if _md5(content) == digest:
                 return content
     return None
+
+
+def _md5(content: bytes) -> str:
+    return hashlib.md5(content, usedforsecurity=False).hexdigest()

@@ -3,6 +3,7 @@
 import copy
 import functools
 import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,22 @@ def check_target(path: Path, suffixes: Iterable[str], option: str = "--out") -> 
         raise PorseError(
             f"expected to be allowed to write {path}, found it read-only; name a place of your own with {option}"
         )
+
+
+def code_root(root: Path) -> Path:
+    """Returns the folder in which the package `porse` lies that the project at `root` uses: its own, or the installed one."""
+    return root if has_own_package(root) else Path(__file__).resolve().parents[1]
+
+
+def has_own_package(root: Path) -> bool:
+    """Returns whether a project brings the package along, as a checkout does; one of `porse init` uses the installed one."""
+    return (root / "porse").is_dir()
+
+
+def python_of_stages(root: Path) -> dict[str, str]:
+    """Returns the environment variable that names the Python of the stages of a project that uses the installed package."""
+    given = has_own_package(root) or os.environ.get("PORSE_PYTHON")
+    return {} if given else {"PORSE_PYTHON": sys.executable}
 
 
 def project_root(start: Path) -> Path | None:

@@ -11,12 +11,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
-from porse.config import load_params
+from porse.config import Params, load_params
 from porse.errors import PorseError
+from porse.paths import python_of_stages
 from porse.pipeline import write_pipeline
 from porse.plan import write_plan
 from porse.processes import die_with_parent
 from porse.repair import repair
+from porse.training.bar import check_progress
+from porse.training.executor import executor_from_environment
+from porse.training.memory import check_memory
 from porse.warm.start import warm_server
 
 
@@ -32,7 +36,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
         progress: how stages show theirs (`porse.training.bar`); empty: as PORSE_PROGRESS says.
 
     Raises:
-        PorseError: there is no pipeline in `root`, or its parameters are wrong.
+        PorseError: there is no pipeline in `root`, its parameters or an environment variable are wrong, or memory is too small.
     """
     if not (root / "dvc.yaml").is_file():
         raise PorseError(
@@ -44,6 +48,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
             "archive; take a clone, or run: git init && git add . && git commit -m start"
         )
     params = load_params(root / "params.yaml", root)
+    check_start(params)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
     # What DVC says between the stages is no progress, and no JSON.
@@ -52,7 +57,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
         plan = Path(scratch) / "plan.json"
         write_plan(plan, params)
-        environment = {**os.environ, **found, "PORSE_PLAN": str(plan)}
+        environment = {**os.environ, **python_of_stages(root), **found, "PORSE_PLAN": str(plan)}
         if progress:
             environment["PORSE_PROGRESS"] = progress
         process = subprocess.Popen(command, cwd=root, env=environment, preexec_fn=end_with_this)
@@ -73,6 +78,17 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     if interrupted and code:
         say(f"stopped by Ctrl-C: {HOW_ON}")
     return code
+
+
+def check_start(params: Params) -> None:
+    """Checks what a run would else stop at after minutes: environment variables, and memory for one training.
+
+    Raises:
+        ParamsError: a variable is not what it may be, or a training does not fit.
+    """
+    check_progress()
+    executor_from_environment()
+    check_memory(params)
 
 
 HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"

@@ -22,11 +22,15 @@ class PlainCommand(click.Command):
     """A click command that prints a PorseError as its paragraph, without a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Runs the command; raises ClickException where it raised a PorseError."""
+        """Runs the command; raises ClickException where it raised a PorseError, or was stopped by Ctrl-C."""
         try:
             return super().invoke(ctx)
         except PorseError as error:
             raise click.ClickException(str(error)) from error
+        except KeyboardInterrupt:
+            raise click.ClickException(
+                "stopped by Ctrl-C: run `porse repro` again, and it goes on with the stage that was at work"
+            ) from None
 
 
 class StageCommand(PlainCommand):

@@ -8,6 +8,10 @@
 export PORSE_PARENT="$PPID"
 
 if [ -n "$PORSE_PYTHON" ]; then
+    if ! command -v "$PORSE_PYTHON" >/dev/null 2>&1; then
+        echo "Error: expected PORSE_PYTHON to name a Python, found $PORSE_PYTHON; set it to one, or unset it" >&2
+        exit 1
+    fi
     exec "$PORSE_PYTHON" "$@"
 fi
 folder=$PWD

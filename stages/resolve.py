@@ -8,6 +8,7 @@ from porse.config import load_document, parse_params
 from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import check_dependency, check_pipeline
 from porse.stage import PlainCommand, run_stage, say
+from porse.training.memory import check_memory
 
 
 @click.command(cls=PlainCommand)
@@ -19,6 +20,7 @@ def main(source: Path, out: Path) -> None:
     params = parse_params(document, str(source))
     check_pipeline(root, params)
     check_dependency(root, params.task)
+    check_memory(params)
     inputs = resolve_inputs(root, document, str(source))
     out.mkdir(parents=True, exist_ok=True)
     for name, own in inputs.items():

@@ -68,6 +68,9 @@ def test_a_wrong_parameter_is_a_problem_in_its_own_words(project):
 def test_packages_that_differ_from_the_lock_are_named_with_both_versions(tmp_path):
     lock = tmp_path / "requirements.lock"
     lock.write_text("# comment\nclick==0.0.1\nno-such-package-here==3.2.1\nnumpy==2.4.6\n")
+    # A project of `porse init` may have other versions, a checkout may not.
+    assert doctor.packages(lock).state == "warning"
+    (tmp_path / "porse").mkdir()
     found = doctor.packages(lock)
     assert found.state == "problem"
     assert "expected the 3 versions" in found.found

@@ -192,7 +192,7 @@ def test_what_is_named_as_without_a_result_is_there_and_imported(project):
         script = project / f"{stage.script.replace('.', '/')}.py"
         imported |= {
             str(path.relative_to(project))
-            for path in imported_files(project, script, frozenset({"porse", "stages"}), frozenset())
+            for path in imported_files(script, {"porse": project, "stages": project}, frozenset())
         }
     missing = {name for name in NO_RESULT if name not in imported}
     assert missing <= {"stages/__init__.py"}
@@ -213,7 +213,7 @@ def test_imports_are_found_in_functions_and_in_names_of_modules_but_not_for_type
         'LATER = "pack.d:main"\n'
         'TEXT = "see pack.nothing. Or pack."\n'
     )
-    found = imported_files(tmp_path, start, frozenset({"pack"}), frozenset())
+    found = imported_files(start, {"pack": tmp_path}, frozenset())
     assert {path.stem for path in found} == {"start", "__init__", "a", "b", "c", "d", "e"}
 
 

@@ -51,3 +51,29 @@ def test_an_interrupted_porse_repro_says_that_it_goes_on(root, tmp_path):
     assert code != 0
     assert said.count("stopped by Ctrl-C: run `porse repro` again, and it goes on") == 1
     assert "Traceback" not in said
+
+
+def test_an_interrupted_stage_of_dvc_repro_says_how_to_go_on(root, tmp_path):
+    """`dvc repro` without `porse repro` around it: the stage itself says it."""
+    project = make_project(tmp_path / "project", committed_params() | {"generator": "grammar"}, Path(sys.prefix))
+    stage = "stages:\n  wait:\n    cmd: exec .venv/bin/python wait.py\n"
+    (project / "dvc.yaml").write_text(stage)
+    (project / "wait.py").write_text(WAITING)
+    code, said = interrupted([str(BIN / "dvc"), "repro", "wait"], project, "at work", root)
+    assert code != 0
+    assert "Error: stopped by Ctrl-C: run `porse repro` again, and it goes on" in said
+    assert "Traceback" not in said
+
+
+WAITING = """
+import time
+import click
+from porse.stage import PlainCommand, say
+
+@click.command(cls=PlainCommand)
+def main():
+    say("at work")
+    time.sleep(60)
+
+main()
+"""

@@ -378,6 +378,42 @@ def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
     }  # fmt: skip
 
 
+def test_what_differs_from_earlier_results_is_this_table(cups, monkeypatch):
+    folders = folders_of("cups", cups)
+    # Half an MTS and a third of the epochs more; the same; and one that is outdated now.
+    write_json(folders.earlier("SwingCup-human-1") / "metrics.json", metrics(0.0125, hns=0.25) | {"epochs_spent": 60})
+    write_json(folders.earlier("Kettle-human-1") / "metrics.json", metrics(0.2))
+    write_json(folders.earlier("SwingCup-porse-without-bonus-1") / "metrics.json", metrics(0.25, share=0.5))
+    monkeypatch.chdir(cups)
+    done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--diff"], catch_exceptions=False)
+    assert done.output == DIFFERENCES
+    done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--diff", "--json"], catch_exceptions=False)
+    found = json.loads(done.output)
+    assert found[1] == {
+        "entry": "SwingCup-human-1", "figure": "mts", "before": 0.0125, "now": 0.025, "change": pytest.approx(0.0125),
+    }  # fmt: skip
+    shutil.rmtree(folders.earlier("").parent / "earlier")
+    done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--diff"], catch_exceptions=False)
+    assert done.output == "nothing differs from earlier results, or no entry has run again\n"
+
+
+DIFFERENCES = """\
+entry                           figure                 before  now    change
+SwingCup-human-1                score                  0.010   0.020  0.010
+SwingCup-human-1                mts                    0.013   0.025  0.013
+SwingCup-human-1                hns_lineage            0.250   1.000  0.750
+SwingCup-human-1                success                0.007   0.015  0.007
+SwingCup-human-1                evaluation_score_mean  0.010   0.020  0.010
+SwingCup-human-1                epochs_spent           60      90     30
+SwingCup-porse-without-bonus-1  score                  0.200   -      -
+SwingCup-porse-without-bonus-1  mts                    0.250   -      -
+SwingCup-porse-without-bonus-1  success                0.150   -      -
+SwingCup-porse-without-bonus-1  evaluation_score_mean  0.200   -      -
+SwingCup-porse-without-bonus-1  epochs_spent           90      -      -
+SwingCup-porse-without-bonus-1  valid_share            0.500   -      -
+"""
+
+
 def test_what_the_code_of_a_stage_no_longer_is_makes_every_result_outdated(cups):
     (cups / "code" / "a.py").write_text("2")
     entries = rows(suite_status(load_suite(cups / "cups.yaml"), cups, "cups.yaml"))
@@ -513,3 +549,13 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
     for lock in ("dvc.lock", "iterations/1/dvc.lock"):
         assert (project / lock).read_bytes() == (result / lock).read_bytes()
     assert (project / "metrics.json").read_bytes() == (result / "metrics.json").read_bytes()
+
+    # With longer epochs it runs again, and what came out before is kept beside it.
+    before = json.loads((result / "metrics.json").read_text())
+    again = {**PLAIN, "methods": ["sparse"], "overrides": {"generator": "grammar", "train": {"steps_per_epoch": 8}}}
+    (project / "a.yaml").write_text(yaml.safe_dump(again))
+    assert running.suite("run", "a.yaml").returncode == 0
+    found = json.loads(running.suite("status", "a.yaml", "--diff", "--json").stdout)
+    now = json.loads((result / "metrics.json").read_text())
+    assert {(row["before"], row["now"]) for row in found if row["figure"] == "mts"} == {(before["mts"], now["mts"])}
+    assert before["mts"] != now["mts"]

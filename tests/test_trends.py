@@ -32,7 +32,15 @@ def finished(folder, weights, fitness=None, **chosen):
     with_presets(folder)
     (folder / "params.yaml").write_text(yaml.safe_dump({**tiny.committed_params(), **chosen}))
     rows = [
-        row_of(tables.ITERATIONS, iteration=n, winner_id=f"w{n}", beta=beta, alpha=alpha)
+        row_of(
+            tables.ITERATIONS,
+            iteration=n,
+            winner_id=f"w{n}",
+            beta=beta,
+            alpha=alpha,
+            # Each curve has the winner and a loser.
+            epochs=2 * len(fitness[n - 1]) if fitness else 0,
+        )
         for n, (beta, alpha) in enumerate(weights, 1)
     ]
     tables.write(folder / "results" / "iterations.parquet", tables.ITERATIONS, rows)

@@ -1,8 +1,10 @@
 """Paths, lengths and places that a command cannot work with are refused before any work, in one sentence."""
 
+import dataclasses
 import hashlib
 import json
 import os
+import shutil
 
 import click
 import pytest
@@ -12,10 +14,13 @@ from click.testing import CliRunner
 from porse import show
 from porse.cli import main
 from porse.errors import PorseError
+from porse.inputs.resolve import resolve_inputs
 from porse.outdated import another_run, changed_parameters
 from porse.paths import at_root, check_target, project_root
 from porse.repro import reproduce
-from tiny import committed_params
+from porse.training import memory
+from porse.training.memory import check_memory, training_mib
+from tiny import BIN, committed_params, make_project, run
 
 
 def porse(*words):
@@ -190,3 +195,170 @@ def test_a_command_below_the_project_runs_at_its_root_with_the_paths_that_were_t
     # Somebody else's parameters beside the user are meant.
     (below / "params.yaml").touch()
     assert run("x")[3] == str(below)
+
+
+# Memory.
+
+
+def test_the_memory_of_a_training_is_estimated_from_its_sizes(params):
+    train = dataclasses.replace(params.train, num_envs=1024, steps_per_epoch=8, minibatches=2, hidden=(32, 16))
+    # 8192 steps: each 4 bytes x (2 x 5 observations + 3 x 3 actions + 8) = 108, 884 736 bytes in all.
+    # A batch of 4096 steps: 4 bytes x 2 networks x (5 + 3 x 48) = 1192 each, 4 882 432 bytes.
+    # 1024 environments: 6144 + 64 x 5 = 6464 bytes each, 6 619 136. Together 12 386 304 bytes: 11.8 MiB.
+    assert training_mib(train, 5, 3) == 11
+
+
+def test_the_estimate_is_near_what_trainings_were_measured_to_fill(params):
+    train = dataclasses.replace(params.train, num_envs=16384, steps_per_epoch=16, minibatches=4, hidden=(64, 64))
+    assert training_mib(train, 21, 12) == pytest.approx(435, rel=0.25)
+    train = dataclasses.replace(train, num_envs=2048, hidden=(256, 256, 128))
+    assert training_mib(train, 398, 40) == pytest.approx(408, rel=0.25)
+
+
+def test_no_task_of_the_package_is_wider_than_the_widest():
+    widths = [(row["observations"], row["actions"]) for row in json.loads(porse("tasks", "--json").output)]
+    assert max(width for width, _ in widths) <= memory._WIDEST[0]
+    assert max(width for _, width in widths) <= memory._WIDEST[1]
+
+
+def test_a_training_that_may_take_its_memory_is_not_refused(params, monkeypatch):
+    monkeypatch.setenv("PORSE_MEMORY_MIB", "64")
+    check_memory(params)
+
+
+ABSURD = {"num_envs": 131072, "steps_per_epoch": 32, "minibatches": 1}
+
+
+def test_an_absurd_number_of_environments_is_refused_before_anything_starts(tmp_path, root):
+    document = committed_params() | {"generator": "grammar"}
+    document["train"] |= ABSURD
+    project = make_project(tmp_path / "project", document, BIN.parent)
+    for words in (["run", "--out", "out"], ["repro"], ["repro", "resolve"], ["demo", "--no-open"]):
+        done = run(project, str(BIN / "porse"), *words, check=False, PYTHONPATH=str(root), PORSE_MEMORY_MIB="4096")
+        assert done.returncode == 1
+        assert "expected memory for a training of Quadcopter with train.num_envs = 131072" in done.stderr
+        assert "found 4096 MiB that one may take; lower one of the two" in done.stderr
+        assert "Traceback" not in done.stderr
+    assert not any((project / name).exists() for name in ("inputs", "run", "out", "demo"))
+
+
+def test_episodes_that_do_not_fit_into_memory_are_refused(params, monkeypatch):
+    monkeypatch.setenv("PORSE_MEMORY_MIB", "500")
+    many = dataclasses.replace(params, evaluate=dataclasses.replace(params.evaluate, episodes=131072))
+    with pytest.raises(PorseError, match=r"expected memory for evaluate\.episodes = 131072 environments of Quadcopter"):
+        check_memory(many)
+
+
+def test_dvc_repro_says_what_is_wrong_with_a_method_or_with_memory_before_any_other_stage(tmp_path, root):
+    project = make_project(tmp_path / "project", committed_params() | {"generator": "grammar"}, BIN.parent)
+    text = (project / "params.yaml").read_text()
+    (project / "params.yaml").write_text(text.replace("method: porse", "method: eurika"))
+    asked = [str(BIN / "dvc"), "repro"], [str(BIN / "porse"), "repro"]
+    for command in asked:
+        done = run(project, *command, check=False, PYTHONPATH=str(root))
+        assert done.returncode != 0
+        assert "found 'eurika' in params.yaml; did you mean eureka?" in done.stderr
+        assert "interpol" not in done.stderr
+    document = committed_params() | {"generator": "grammar"}
+    document["train"] |= ABSURD
+    (project / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    done = run(project, *asked[0], check=False, PYTHONPATH=str(root), PORSE_MEMORY_MIB="4096")
+    assert "expected memory for a training of Quadcopter" in done.stderr
+    assert not (project / "run").exists()
+
+
+# The environment, and places.
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "said"),
+    [
+        ("PORSE_PROGRESS", "loud", "to be one of auto, quiet, json, found 'loud' in the environment"),
+        ("PORSE_EXECUTOR", "cloud", "to be local or inline, found 'cloud' in the environment"),
+        ("PORSE_WORKERS", "0", "to be a whole number from 1 to 999999999, found '0'"),
+        ("PORSE_TENSORBOARD", "params.yaml/events", "where params.yaml is a file; set or unset it"),
+    ],
+)
+@pytest.mark.parametrize("words", [("run", "--out", "out"), ("repro", "resolve")], ids=str)
+def test_a_variable_that_says_nothing_is_refused_before_anything_starts(
+    variable, value, said, words, tmp_path, root, monkeypatch
+):
+    monkeypatch.chdir(root)
+    monkeypatch.setenv(variable, value)
+    words = tuple(str(tmp_path / "out") if word == "out" else word for word in words)
+    done = porse(*words)
+    assert done.exit_code == 1
+    assert f"expected {variable} " in done.output
+    assert said in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_python_that_is_none_is_said_in_a_sentence(tmp_path, root):
+    project = make_project(tmp_path / "project", committed_params(), BIN.parent)
+    done = run(project, str(BIN / "dvc"), "repro", "resolve", check=False, PORSE_PYTHON="/nowhere/python")
+    assert (
+        "Error: expected PORSE_PYTHON to name a Python, found /nowhere/python; set it to one, or unset it"
+        in done.stderr
+    )
+
+
+def test_folders_that_are_not_there_are_refused(root, tmp_path, monkeypatch):
+    monkeypatch.chdir(root)
+    done = porse("run", "--out", str(tmp_path / "out"), "--prompts", "nowhere")
+    assert done.exit_code == 2
+    assert "Directory 'nowhere' does not exist" in done.output
+    done = porse("llm", "stats", "--cache", "nowhere")
+    assert done.exit_code == 1
+    assert "Expected a directory of recorded replies in nowhere, found none." in done.output
+    (tmp_path / "answers").mkdir()
+    done = porse("llm", "import", str(tmp_path / "answers"), "--answered-by", "somebody", "--context", "fresh",
+                 "--cache", str(tmp_path / "cache"))  # fmt: skip
+    assert done.exit_code == 1
+    assert f"Expected texts named <key>.md or <key>.txt in the directory {tmp_path / 'answers'}" in done.output
+
+
+def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path):
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    for name in ("porse", "stages", "prompts", "presets", "functions", "iterations"):
+        shutil.copytree(root / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("params.yaml", "dvc.yaml", "metrics.json", "requirements.lock"):
+        shutil.copy(root / name, clone / name)
+    (clone / "llm_cache").mkdir()
+    shutil.copy(root / "llm_cache" / "refreshed.txt", clone / "llm_cache")
+    # The lock of a run of these files: what was computed from the committed parameters.
+    document = committed_params()
+    digest = hashlib.md5(
+        resolve_inputs(clone, document, "params.yaml")["summarise"].render().encode(), usedforsecurity=False
+    ).hexdigest()
+    lock = {"stages": {"summarise": {"cmd": "", "deps": [{"path": "inputs/summarise.json", "md5": digest}]}}}
+    (clone / "dvc.lock").write_text(yaml.safe_dump(lock))
+    for words in (
+        ["init", "-q"],
+        ["add", "."],
+        ["-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "start"],
+    ):
+        run(clone, "git", *words)
+    assert run(clone, str(BIN / "porse"), "results", PYTHONPATH=str(clone)).stderr == ""
+    text = (clone / "params.yaml").read_text()
+    (clone / "params.yaml").write_text(text.replace("task: Quadcopter", "task: Over"))
+    done = run(clone, str(BIN / "porse"), "results", PYTHONPATH=str(clone))
+    assert 'these results are another run\'s: expected task: "Over"' in done.stderr
+    assert 'found results of task: "Quadcopter"' in done.stderr
+
+
+def test_small_numbers_of_dvc_exp_run_are_read_as_numbers(tmp_path, root):
+    project = make_project(tmp_path / "project", committed_params(), BIN.parent)
+    run(project, "git", "add", ".")
+    run(project, "git", "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "start")
+    values = {"probe.xi": "1e-05", "probe.noise": "1e-3", "train.learning_rate": "3e-4", "exploration.lambda": "1E1"}
+    words = [word for name, value in values.items() for word in ("-S", f"{name}={value}")]
+    run(project, str(BIN / "dvc"), "exp", "run", *words, "resolve", PYTHONPATH=str(root))
+    found = json.loads(run(project, str(BIN / "porse"), "params", "--json", PYTHONPATH=str(root)).stdout)
+    values = {row["parameter"]: row["value"] for row in found if row["parameter"] in values}
+    assert values == {
+        "probe.xi": 1e-05,
+        "probe.noise": 0.001,
+        "train.learning_rate": 0.0003,
+        "exploration.lambda": 10.0,
+    }

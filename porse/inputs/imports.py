@@ -5,18 +5,17 @@ are told what to run. Imports under `if TYPE_CHECKING:` do not count.
 """
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
 
-def imported_files(root: Path, start: Path, packages: frozenset[str], lists: frozenset[Path]) -> set[Path]:
-    """Returns `start` and the files below `root` that it imports, directly or not.
+def imported_files(start: Path, homes: Mapping[str, Path], lists: frozenset[Path]) -> set[Path]:
+    """Returns `start` and the files that it imports, directly or not.
 
     Args:
-        root: where the top-level packages lie.
         start: a Python file.
-        packages: top-level packages that are followed; what others import is theirs.
+        homes: top-level packages that are followed, each with the folder that it lies in; what others import is theirs.
         lists: files that name modules without importing them.
     """
     found = {start}
@@ -24,19 +23,19 @@ def imported_files(root: Path, start: Path, packages: frozenset[str], lists: fro
     while todo:
         path = todo.pop()
         names = set() if path in lists else _names_in(path.read_text(encoding="utf-8"))
-        imported = {file for name in names for file in _files(root, name, packages)}
+        imported = {file for name in names for file in _files(name, homes)}
         todo.extend(imported - found)
         found |= imported
     return found
 
 
-def _files(root: Path, name: str, packages: frozenset[str]) -> Iterator[Path]:
+def _files(name: str, homes: Mapping[str, Path]) -> Iterator[Path]:
     """Yields the files that importing a dotted name runs; what the name has beyond a module is no file."""
     parts = name.split(".")
-    if parts[0] not in packages:
+    if parts[0] not in homes:
         return
     for depth in range(1, len(parts) + 1):
-        base = root.joinpath(*parts[:depth])
+        base = homes[parts[0]].joinpath(*parts[:depth])
         for path in (base.with_suffix(".py"), base / "__init__.py"):
             if path.is_file():
                 yield path

@@ -70,6 +70,7 @@ NO_RESULT: dict[str, str] = {
     "porse/inputs/imports.py": "as above",
     "porse/inputs/resolve.py": "as above",
     "porse/inputs/stages.py": "as above",
+    "porse/paths.py": "where the package and the project lie",
     "porse/presets/__init__.py": "how parameters are read; their values are inputs",
     "porse/presets/own.py": "as above",
     "porse/presets/rules.py": "as above",

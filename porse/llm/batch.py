@@ -76,10 +76,15 @@ def answer_lines(source: Path) -> list[tuple[str, str]]:
         One pair for each answer: a label for messages, "line 3" or the text's name, and a line of JSON.
 
     Raises:
-        AnswersError: the source cannot be read as UTF-8.
+        AnswersError: the source cannot be read as UTF-8, or is a directory without such a text.
     """
     if source.is_dir():
         paths = sorted(path for path in source.iterdir() if path.suffix in (".md", ".txt"))
+        if not paths:
+            raise AnswersError(
+                f"Expected texts named <key>.md or <key>.txt in the directory {source}, found none. Nothing was recorded: "
+                "name the directory of the answers, or a JSONL file."
+            )
         return [(path.name, json.dumps({"custom_id": path.stem, "text": answer_text(path)})) for path in paths]
     lines = enumerate(answer_text(source).split("\n"), start=1)
     return [(f"line {number}", line) for number, line in lines if line.strip()]

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from porse.config import LlmParams, load_params
-from porse.errors import ParamsError, TableError
+from porse.errors import CacheError, ParamsError, TableError
 from porse.llm.batch import Answerer, answer_lines, answer_text, export_lines, import_answers
 from porse.llm.ledger import totals
 from porse.llm.pending import load_pending, remove_pending
@@ -144,6 +144,8 @@ def verify(cache_dir: Path, used: tuple[Path, ...], as_json: bool) -> None:
 @JSON
 def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
     """Show requests, tokens and cost, who answered what, and how different the samples of a question are."""
+    if not cache_dir.is_dir():
+        raise CacheError(f"Expected a directory of recorded replies in {cache_dir}, found none. Pass it by `--cache`.")
     store = Store(cache_dir)
     records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
     if list_keys:

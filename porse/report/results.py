@@ -9,6 +9,7 @@ from typing import Any
 from porse import tables
 from porse.config import ROOT, Params, load_params
 from porse.errors import PorseError
+from porse.report.agreement import check_agreement
 from porse.report.run import Evaluation, Run
 from porse.search.lineage import lineage
 from porse.tables import Row, Table
@@ -45,7 +46,7 @@ def read_results(folder: Path) -> Results:
 
     Raises:
         ParamsError: there are no parameters, or they are wrong.
-        TableError: a table is missing or is not as declared.
+        TableError: a table is missing or is not as declared, or one does not agree with another.
         PorseError: there are no metrics, they are another version's, or the run had no iteration.
     """
     # A run elsewhere may have come with its presets; one that did not has those of the project we are in.
@@ -72,6 +73,7 @@ def read_results(folder: Path) -> Results:
     )
     chain = lineage(run.incumbents, [score for _, score in held], params)
     evaluation = Evaluation(chain, rows(tables.EVALUATION), rows(tables.SEEDS), rows(tables.EPISODES))
+    check_agreement(run, iterations, evaluation, params, str(folder / "results"))
     return Results(params, run, iterations, evaluation, read_metrics(folder / "metrics.json"), _environment(folder))
 
 

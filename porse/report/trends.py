@@ -8,6 +8,7 @@ from typing import Any
 
 from porse import tables
 from porse.config import Params, load_params
+from porse.report.agreement import check_epochs
 from porse.search.schedule import DRAW, is_searched, mutants, varied
 from porse.tables import Row
 
@@ -37,15 +38,14 @@ def read_finished(folder: Path, variant: str = "") -> Finished:
 
     Raises:
         ParamsError: there are no parameters, or they are wrong.
-        TableError: a table is missing or is not as declared.
+        TableError: a table is missing or is not as declared, or the two do not agree.
     """
     results = folder / "results"
-    return Finished(
-        load_params(folder / "params.yaml"),
-        variant,
-        tables.read(results / "iterations.parquet", tables.ITERATIONS),
-        tables.read(results / "curves.parquet", tables.CURVES),
-    )
+    params = load_params(folder / "params.yaml")
+    iterations = tables.read(results / "iterations.parquet", tables.ITERATIONS)
+    curves = tables.read(results / "curves.parquet", tables.CURVES)
+    check_epochs(iterations, curves, str(results))
+    return Finished(params, variant, iterations, curves)
 
 
 def trend(run: Finished) -> list[dict[str, Any]]:

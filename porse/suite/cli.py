@@ -9,6 +9,7 @@ import click
 
 from porse.errors import PorseError
 from porse.report.trends import GROUPED, read_finished, trends, trends_table, winners_fitness
+from porse.suite.diff import diff_text, suite_diff
 from porse.suite.folders import folders_of
 from porse.suite.plan import load_suite
 from porse.suite.run import run_suite
@@ -36,11 +37,19 @@ def run(file: Path) -> None:
 
 @suite.command()
 @FILE
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def status(file: Path, as_json: bool) -> None:
+@click.option(
+    "--diff", is_flag=True, help="Print what differs from the results that entries had before they ran again."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --diff a list of objects.")
+def status(file: Path, diff: bool, as_json: bool) -> None:
     """Print how far FILE's suite is: a row for each entry, and mean and deviation over seeds."""
     loaded = load_suite(file)
-    entries = rows(suite_status(loaded, Path.cwd(), str(file)))
+    statuses = suite_status(loaded, Path.cwd(), str(file))
+    if diff:
+        differences = suite_diff(loaded, statuses, Path.cwd())
+        click.echo(json.dumps(differences, indent=2) if as_json else diff_text(differences))
+        return
+    entries = rows(statuses)
     if as_json:
         click.echo(json.dumps({"suite": loaded.name, "entries": entries, "summary": summary(entries)}, indent=2))
     else:

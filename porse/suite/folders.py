@@ -49,6 +49,10 @@ class Folders:
         """Returns the folder of what came out of an entry: `done.json` is in it, or `failed.json`."""
         return self.suite / "results" / entry
 
+    def earlier(self, entry: str) -> Path:
+        """Returns the folder of what came out of an entry before it ran again."""
+        return self.suite / "earlier" / entry
+
 
 def folders_of(name: str, root: Path) -> Folders:
     """Returns the paths of the suite of that name in the project at `root`."""

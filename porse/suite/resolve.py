@@ -12,9 +12,11 @@ from porse.config import load_document, parse_params, resolve_document
 from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.identity import content_id
+from porse.paths import code_root, has_own_package
 from porse.pipeline import FOLDER as ITERATIONS
 from porse.presets import FOLDER as PRESETS
 from porse.suite.plan import Entry, Suite
+from porse.warm.sameness import sources
 
 REPLIES = "llm_cache"
 """The folder of recorded replies; an entry reads the project's own."""
@@ -96,7 +98,7 @@ def code_id(root: Path, files: Sequence[str]) -> str:
     """Returns the content id of `dvc.yaml`, of those files that it names as `deps`, or that are below one.
 
     The template of the iterations' `dvc.yaml` counts, too; those files themselves follow from it and the parameters.
-    What no stage depends on, such as documentation, is no part of it. Neither are presets: their values are in the id of an
+    Where the package is the installed one, its sources count. What no stage depends on, such as documentation, is no part of it. Neither are presets: their values are in the id of an
     entry's parameters, and those of another task concern it no more. Neither are recorded replies: an entry that is
     done had all of its own, and recording those of the next entry changes nothing for it.
 
@@ -111,6 +113,8 @@ def code_id(root: Path, files: Sequence[str]) -> str:
     deps = {dep for stage in stages for dep in stage["deps"]} - {PRESETS} | {"dvc.yaml", ITERATIONS}
     names = [name for name in files if _below(name, deps)]
     hashes = {name: hashlib.sha256((root / name).read_bytes()).hexdigest() for name in names}
+    if not has_own_package(root):
+        hashes["porse"] = sources(code_root(root))
     return content_id("suite-code", hashes)
 
 

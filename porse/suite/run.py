@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from porse.paths import python_of_stages
 from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
 from porse.repair import repair
@@ -95,8 +96,7 @@ def _run_entry(
     log.parent.mkdir(exist_ok=True)
     code = _reproduce(folders.work, log, lock, warm)
     result = folders.result(name)
-    if result.exists():
-        shutil.rmtree(result)
+    _set_aside(result, folders.earlier(name))
     result.mkdir(parents=True)
     if code:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -115,6 +115,19 @@ def _run_entry(
     return True
 
 
+def _set_aside(result: Path, earlier: Path) -> None:
+    """Makes way for a new result: one that was done becomes the earlier one, a failed one is taken away."""
+    if not result.exists():
+        return
+    if not (result / "done.json").is_file():
+        shutil.rmtree(result)
+        return
+    if earlier.exists():
+        shutil.rmtree(earlier)
+    earlier.parent.mkdir(parents=True, exist_ok=True)
+    result.rename(earlier)
+
+
 def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int:
     """Runs `dvc repro` in the clone, and returns its exit code.
 
@@ -130,7 +143,7 @@ def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int
         return subprocess.run(
             [*DVC, "repro"],
             cwd=work,
-            env={**os.environ, **warm},
+            env={**os.environ, **python_of_stages(work), **warm},
             stdout=output,
             stderr=subprocess.STDOUT,
             pass_fds=(lock,),

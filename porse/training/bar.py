@@ -20,9 +20,12 @@ from typing import Any
 
 import click
 
+from porse.errors import ParamsError
 from porse.training.job import Ended, Report
 
 PROGRESS_VARIABLE, PLAN_VARIABLE, TENSORBOARD_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN", "PORSE_TENSORBOARD"
+
+_MODES = ("auto", "quiet", "json")
 
 ROOM_FOR = 12
 """So many candidates get a bar of their own, where the terminal is high enough."""
@@ -44,7 +47,7 @@ class RungBar:
         self._best, self._done = -math.inf, 0
         self._failures: list[tuple[str, str]] = []
         self._started = time.monotonic()
-        self._mode = os.environ.get(PROGRESS_VARIABLE, "") or "auto"
+        self._mode = _mode()
         self._stage, self._stages, self._after = _planned(label)
         self._bars = _Bars(self._head(), candidates, epochs) if self._mode == "auto" and sys.stdout.isatty() else None
         folder = os.environ.get(TENSORBOARD_VARIABLE, "")
@@ -127,6 +130,34 @@ class RungBar:
         }
         click.echo(json.dumps(line))
         sys.stdout.flush()
+
+
+def check_progress() -> None:
+    """Checks the variables that say how progress is shown.
+
+    Raises:
+        ParamsError: PORSE_PROGRESS names no mode, or PORSE_TENSORBOARD no folder that can be there.
+    """
+    _mode()
+    folder = os.environ.get(TENSORBOARD_VARIABLE, "")
+    wrong = next(
+        (place for place in (Path(folder), *Path(folder).parents) if place.exists() and not place.is_dir()), None
+    )
+    if folder and wrong is not None:
+        raise ParamsError(
+            f"expected {TENSORBOARD_VARIABLE} to be a folder, or one that can be made, found {folder!r}, where {wrong} is a "
+            "file; set or unset it"
+        )
+
+
+def _mode() -> str:
+    found = os.environ.get(PROGRESS_VARIABLE, "") or "auto"
+    if found not in _MODES:
+        raise ParamsError(
+            f"expected {PROGRESS_VARIABLE} to be one of {', '.join(_MODES)}, found {found[:40]!r} in the environment; set or "
+            "unset it"
+        )
+    return found
 
 
 def in_words(seconds: float) -> str:

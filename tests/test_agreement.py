@@ -1,0 +1,79 @@
+"""A row that is missing from a table of a finished run is noticed, whichever it is."""
+
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+import kills
+from at_once import run_at_once
+from porse import tables
+from porse.cli import main
+from porse.config import parse_params
+from porse.errors import PorseError
+from porse.generation.states import checker
+from porse.report.results import read_results
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A tiny run of one iteration, with mutants and one further seed."""
+    folder = tmp_path_factory.mktemp("agreement") / "run"
+    with checker(parse_params(kills.tiny_params(), "a test")) as check:
+        run_at_once(folder, kills.tiny_params(), check)
+    return folder
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for name in ("params.yaml", "metrics.json"):
+        shutil.copy(finished / name, folder)
+    shutil.copytree(finished / "results", folder / "results")
+    return folder
+
+
+WRITTEN = [
+    table for table in tables.TABLES.values() if table not in (tables.FEEDBACK, tables.MEMBERS, tables.MEMBER_FEEDBACK)
+]
+
+
+def test_a_finished_run_agrees_with_itself(copied):
+    assert {path.stem for path in (copied / "results").iterdir()} == {table.name for table in WRITTEN}
+    assert read_results(copied).iterations
+
+
+@pytest.mark.parametrize("table", WRITTEN, ids=lambda table: table.name)
+def test_a_missing_row_is_noticed_whichever_it_is(table, copied):
+    path = copied / "results" / f"{table.name}.parquet"
+    rows = tables.read(path, table)
+    # All of a short table, some of a long one; an episode without an end has no length, so that such a row may be missing.
+    rows_to_lose = [row for row in rows if row.get("series") != "episode_length"]
+    step = max(1, len(rows_to_lose) // 12)
+    for lost in [*rows_to_lose[::step], rows_to_lose[-1]]:
+        tables.write(path, table, [row for row in rows if row is not lost])
+        with pytest.raises(PorseError, match=r"agree with each other|among the candidates|expected an iteration"):
+            read_results(copied)
+
+
+def test_a_row_of_another_run_is_noticed(copied):
+    path = copied / "results" / "scores.parquet"
+    first, *others = tables.read(path, tables.SCORES)
+    tables.write(path, tables.SCORES, [{**first, "candidate_id": "stranger"}, *others])
+    with pytest.raises(PorseError, match="found candidate stranger of iteration 1 in scores and not in candidates"):
+        read_results(copied)
+
+
+def test_commands_that_read_a_run_say_so(copied, root, monkeypatch):
+    monkeypatch.chdir(root)
+    path = copied / "results" / "curves.parquet"
+    rows = tables.read(path, tables.CURVES)
+    lost = next(row for row in rows if row["series"] == "fitness")
+    tables.write(path, tables.CURVES, [row for row in rows if row is not lost])
+    for words in (["report", str(copied), "--out", str(copied / "page.html")], ["trends", str(copied)]):
+        done = CliRunner().invoke(main, words, catch_exceptions=False)
+        assert done.exit_code == 1
+        assert "epochs of iteration 1 in iterations and" in done.output
+        assert "rows of fitness in curves; rows were lost" in done.output
+    assert not (copied / "page.html").exists()
