@@ -51,6 +51,11 @@ def make_project(folder: Path) -> None:
         raise PorseError(
             f"expected an empty folder, or none, at {folder}, found something in it; name another, or empty it"
         )
+    folder.mkdir(parents=True, exist_ok=True)
+    inside = subprocess.run(["git", "rev-parse", "--git-dir"], cwd=folder, capture_output=True).returncode == 0
+    if not inside:
+        _call(folder, "git", "init", "--quiet")
+    _call(folder, sys.executable, "-m", "dvc", "init", "--quiet", *(["--subdir"] if inside else []))
     source = _CARRIED if _CARRIED.is_dir() else Path(__file__).resolve().parents[1]
     for name in (STARTER / "files.txt").read_text(encoding="utf-8").split():
         _copy(source / name, folder / name)
@@ -63,10 +68,6 @@ def make_project(folder: Path) -> None:
     for name, changes in _CHANGED.items():
         _change(folder / name, changes)
     write_pipeline(folder, load_params(folder / "params.yaml", folder))
-    inside = subprocess.run(["git", "rev-parse", "--git-dir"], cwd=folder, capture_output=True).returncode == 0
-    if not inside:
-        _call(folder, "git", "init", "--quiet")
-    _call(folder, sys.executable, "-m", "dvc", "init", "--quiet", *(["--subdir"] if inside else []))
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -1,6 +1,7 @@
 """What the processes of trainings may use, in which order they start, and what is told of them: real ones, whose work is a stand-in."""
 
 import dataclasses
+import fcntl
 import json
 import os
 import re
@@ -431,16 +432,19 @@ def ended(training):
     return found.failure
 
 
+@pytest.mark.skipif(not hasattr(fcntl, "F_SETPIPE_SZ"), reason="only Linux makes a pipe larger")
 def test_what_a_process_left_in_its_pipe_is_read_when_it_has_ended(tmp_path):
     def train(job, report):
-        sys.stdout.write("x" * 50_000 + "\nrotor 3 is gone\n")
+        # The most that an unprivileged process may ask for, of which it leaves 300 000 bytes: several reads.
+        fcntl.fcntl(1, fcntl.F_SETPIPE_SZ, 1 << 20)
+        sys.stdout.write("x" * 300_000 + "y" * 5000)
         sys.stdout.flush()
         os._exit(2)
 
     says = "its process ended by itself with code 2, before it had done an epoch; it printed last: "
     training = local_module._start(jobs(tmp_path, "a")[0], train, Limits(1, 1, 500, 1), [])
-    # of its last 4 096 letters the x come first, and fill a sentence
-    assert ended(training) == says + "x" * 397 + "..."
+    # the last 4 096 letters are kept, and of those a sentence has 400
+    assert ended(training) == says + "y" * 397 + "..."
 
 
 def test_who_else_writes_to_the_pipe_of_one_that_ended_is_not_waited_for(tmp_path):

@@ -295,7 +295,9 @@ def _train_here(
     except BaseException:
         traceback.print_exc()
     finally:
-        # To take PyTorch apart takes a second, and is no use.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            # Whatever became of the pipes, the child does not go on as its parent. To take PyTorch apart takes a second more.
+            os._exit(code)
