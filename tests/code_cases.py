@@ -8,7 +8,7 @@ import torch
 from porse.functions.read.check import check_source
 from porse.functions.read.extract import extract
 from porse.functions.read.trace import trace
-from porse.functions.run.execute import MappingFunction, RewardFunction
+from porse.functions.run.execute import Function
 from porse.functions.run.program import Program
 from porse.functions.verdict import Kind
 from porse.variables import Variable
@@ -59,6 +59,27 @@ def traced(source: str, kind: Kind, variables: Sequence[Variable], states: Mappi
     parsed = extract(source, kind)
     check_source(parsed, {v.name for v in variables})
     return trace(parsed, kind, states if states is not None else values(16, variables))
+
+
+class RewardFunction(Function):
+    """A reward that returns its total, and its components by name."""
+
+    def __init__(self, text: str, portable: bool) -> None:
+        super().__init__(text, "reward", portable)
+
+    def __call__(self, variables: Mapping[str, Any]) -> Any:
+        total, *components = super().__call__(variables)
+        return total, dict(zip(self.names, components, strict=True))
+
+
+class MappingFunction(Function):
+    """A mapping that returns its progress variables, their directions and their names."""
+
+    def __init__(self, text: str, portable: bool) -> None:
+        super().__init__(text, "mapping", portable)
+
+    def __call__(self, variables: Mapping[str, Any]) -> Any:
+        return super().__call__(variables), list(self.rises), list(self.names)
 
 
 def compile_reward(

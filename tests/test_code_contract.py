@@ -9,19 +9,17 @@ from porse.functions.contract import (
     FUNCTION_NAMES,
     HELPERS,
     MATH_NAMES,
-    MAX_NAMES,
     METHODS,
-    SIGNATURES,
     TORCH_CONSTANTS,
     TORCH_FUNCTIONS,
     TORCH_MODULES,
-    contract_text,
 )
 from porse.functions.read.confine import Limits
-from porse.functions.read.prelude import HELPERS_IN_SCOPE
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.read.states import packed
-from porse.functions.verdict import CodeError
+from porse.functions.verdict import MAX_NAMES, CodeError
+from porse.generation.conversations import contract_text
+from porse.helpers import HELPERS_IN_SCOPE
 
 CALLS = """
     F(a) | F(a, b) | F(a, dim=-1) | F(a, 1) | F([a, b]) | F([a, b], dim=-1) | F(a, b, dim=-1) | F(a > 0)
@@ -105,10 +103,10 @@ def test_nothing_on_the_list_draws_random_numbers_or_reaches_outside():
 
 
 @pytest.mark.parametrize("kind", ["reward", "mapping"])
-def test_the_prompt_says_what_is_enforced(kind):
-    text = contract_text(kind)
-    assert FUNCTION_NAMES[kind][0] in text
-    assert SIGNATURES[kind] in text
+def test_the_prompt_says_what_is_enforced(root, kind):
+    text = contract_text(root / "prompts", kind)
+    assert f"def {FUNCTION_NAMES[kind][0]}(" in text
+    assert text.startswith("```python\n")
     assert "TorchScript" in text
     if kind == "mapping":
         assert all(line in text for line in HELPERS.values())

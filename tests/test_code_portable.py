@@ -224,7 +224,7 @@ _RECORDED = """
 import hashlib, json, sys, torch
 torch.set_num_threads(1)
 from code_cases import values, variable
-from porse.functions.run.execute import MappingFunction, RewardFunction
+from code_cases import MappingFunction, RewardFunction
 given = json.load(sys.stdin)
 states = values(128, [variable(name, *shape) for name, shape in given["variables"]], seed=3)
 found = []

@@ -6,8 +6,7 @@ import random
 import pytest
 import torch
 
-from code_cases import VARIABLES, traced, values
-from porse.functions.run.execute import RewardFunction
+from code_cases import VARIABLES, RewardFunction, traced, values
 from porse.functions.verdict import CodeError, words
 
 UNARY = sorted(

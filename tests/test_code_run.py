@@ -6,8 +6,16 @@ import os
 import pytest
 import torch
 
-from code_cases import VARIABLES, compile_mapping, compile_reward, reward, traced, values
-from porse.functions.run.execute import MappingFunction, RewardFunction
+from code_cases import (
+    VARIABLES,
+    MappingFunction,
+    RewardFunction,
+    compile_mapping,
+    compile_reward,
+    reward,
+    traced,
+    values,
+)
 from porse.functions.run.operators import operator
 from porse.functions.run.program import Register, Rows, Share, read_program
 from porse.functions.verdict import CodeError

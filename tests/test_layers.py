@@ -13,7 +13,7 @@ from porse.inputs.stages import STAGES
 from porse.pipeline import check_pipeline
 
 LAYERS: list[set[str]] = [
-    {"errors", "identity", "processes", "task_names", "variables"},
+    {"errors", "helpers", "identity", "processes", "task_names", "variables"},
     {"paths"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"presets"},
@@ -197,3 +197,8 @@ def test_training_reads_no_text_of_a_model(root):
         needed = stage_files(root, STAGES[name], "Quadcopter", ())
         assert not [path for path in needed if path.startswith("porse/functions/read")]
         assert "porse/functions/run/execute.py" in needed
+
+
+def test_the_room_of_generated_code_stays_small(root):
+    lines = sum(len(path.read_text().splitlines()) for path in (root / "porse" / "functions").rglob("*.py"))
+    assert lines <= 3000, "find the idea that makes a part needless: docs/decisions.md says what was tried"

@@ -413,10 +413,9 @@ TOTALS = {
 def test_an_ablation_pays_what_its_name_says(ablation, monkeypatch, tmp_path):
     params = resolved(ablation=ablation)
     streams = {"generated": lambda *_: -3.0, "sparse": lambda *_: 7.0, "MappingBonus": 0.25, "NoBonus": 0.0}
-    monkeypatch.setattr(candidate_module, "RewardFunction", lambda *_: None)
     monkeypatch.setattr(candidate_module, "generated", lambda _: streams["generated"])
     monkeypatch.setattr(candidate_module, "sparse", streams["sparse"])
-    monkeypatch.setattr(candidate_module, "MappingFunction", lambda *_: SimpleNamespace(rises=(True, False)))
+    monkeypatch.setattr(candidate_module, "Function", lambda *_: SimpleNamespace(rises=(True, False)))
     totals = []
 
     def mixed(goal, bonus, beta, scale, *_):

@@ -287,9 +287,14 @@ def test_goals_are_the_generated_function_the_human_and_the_sparse_reward():
     task = Task()
     assert human(task, {})[0].tolist() == [11.0] * 3
     assert sparse(task, {})[0].tolist() == [0.25] * 3
-    goal = generated(lambda variables: (torch.full((variables["num_envs"],), 6.0), {"c": torch.ones(3)}))
-    total, components = goal(task, task.present())
-    assert (total.tolist(), list(components)) == ([6.0] * 3, ["c"])
+
+    def function(variables):
+        return [torch.full((variables["num_envs"],), 6.0), torch.full((3,), 2.0), torch.full((3,), 4.0)]
+
+    function.names = ("near", "calm")
+    total, components = generated(function)(task, task.present())
+    assert total.tolist() == [6.0] * 3
+    assert {name: value.tolist() for name, value in components.items()} == {"near": [2.0] * 3, "calm": [4.0] * 3}
 
 
 def test_epoch_means_weigh_every_step_alike():
@@ -336,8 +341,9 @@ def ledger(cells, num_envs, factor=0.4, *, rarity=literal, size=None, life_epoch
 
 def test_a_mapping_bonus_counts_the_outputs_in_their_order_and_shows_them_by_name():
     def mapping(variables):
-        return [torch.tensor([0.0, 30.0, -30.0]), torch.tensor([0.0, -30.0, -30.0])], [True, False], ["far", "deep"]
+        return [torch.tensor([0.0, 30.0, -30.0]), torch.tensor([0.0, -30.0, -30.0])]
 
+    mapping.names = ("far", "deep")
     bonus = MappingBonus(mapping, ProgressSpace([True, False], 16, "grid"), ledger(16, 3))
     seen, progress = bonus.see({})
     assert seen.tolist() == [[0.0, 0.0], [30.0, -30.0], [-30.0, -30.0]]
@@ -822,18 +828,17 @@ def test_the_forms_of_a_bonus_are_lambda_times_what_they_say(small, made, tmp_pa
 
 def test_functions_are_run_portably_where_the_numbers_are_to_be_portable(small, made, tmp_path, monkeypatch):
     asked = []
-    for name in ("RewardFunction", "MappingFunction"):
-        real = getattr(candidate_module, name)
+    real = candidate_module.Function
 
-        def function(program, portable, name=name, real=real):
-            asked.append((name, portable))
-            return real(program, portable)
+    def function(program, kind, portable):
+        asked.append((kind, portable))
+        return real(program, kind, portable)
 
-        monkeypatch.setattr(candidate_module, name, function)
+    monkeypatch.setattr(candidate_module, "Function", function)
     for numerics in ("portable", "fast"):
         train_candidate(job(tmp_path), dataclasses.replace(small, numerics=numerics), lambda *_: None)
-    assert sorted(asked[:2]) == [("MappingFunction", True), ("RewardFunction", True)]
-    assert sorted(asked[2:]) == [("MappingFunction", False), ("RewardFunction", False)]
+    assert sorted(asked[:2]) == [("mapping", True), ("reward", True)]
+    assert sorted(asked[2:]) == [("mapping", False), ("reward", False)]
 
 
 def test_counts_live_as_the_parameters_say(small, made, tmp_path):

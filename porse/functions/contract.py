@@ -1,9 +1,6 @@
-"""The contract of generated code, as data: what the checker enforces is what the prompts print.
+"""The contract of generated code, as data: what the checker enforces, and `prompts/contract.jinja` tells a model."""
 
-Nothing here runs. `contract_text` renders the part of a prompt that tells a model what its function must look like.
-"""
-
-from porse.functions.verdict import MAX_NAMES, TENSOR_FUNCTIONS, Kind, words
+from porse.functions.verdict import TENSOR_FUNCTIONS, Kind, words
 
 FUNCTION_NAMES: dict[Kind, tuple[str, ...]] = {
     "reward": ("compute_reward", "reward_function", "compute_reward_function", "reward", "get_reward"),
@@ -16,17 +13,6 @@ NAME_PATTERN: dict[Kind, str] = {
     "mapping": r"\w*(mapping|progress)_\w+",
 }
 """Names that are accepted when none of `FUNCTION_NAMES` is there."""
-
-SIGNATURES: dict[Kind, str] = {
-    "reward": """
-def compute_reward(object_pos: torch.Tensor, goal_pos: torch.Tensor) -> Tuple[torch.Tensor, Dict[str, torch.Tensor]]:
-    ...
-    return total_reward, {"component_name": component, ...}
-""".strip(),
-    "mapping": (
-        'def mapping_function(self):\n    ...\n    return [variable, ...], [True, ...], ["variable_name", ...]'
-    ),
-}
 
 HELPERS: dict[str, str] = {
     "dist": "dist(a, b): Euclidean distance along the last dimension, (num_envs,) for two (num_envs, 3) positions",
@@ -100,27 +86,3 @@ MODULES = words("""
     omniisaacgymenvs bidexhands utils
     """)
 """Modules whose import lines are accepted. No import is ever executed; names come only from torch, math and numpy."""
-
-
-def contract_text(kind: Kind) -> str:
-    """Returns the part of a prompt that says what a function of `kind` must look like."""
-    name = FUNCTION_NAMES[kind][0]
-    common = [
-        "It is TorchScript-compatible code that uses torch only: no numpy, no other import, no class, no print. It is recorded once as a fixed list of tensor operations, so choices that depend on the values of a tensor are made by torch.where, not by if or while, and shapes do not depend on values.",
-        "New tensors are created on the device of the inputs, for example torch.zeros_like(x) or device=x.device.",
-        "Inputs are read, never changed in place. There are no random draws.",
-    ]
-    if kind == "reward":
-        specific = [
-            f"The function is named {name}. Its arguments are variables of the environment, by their exact names and with their exact types; any subset in any order, and nothing else.",
-            "It returns two things: the total reward, a float tensor of shape (num_envs,), and a dictionary from the name of each reward component to a tensor of shape (num_envs,).",
-            "Parameters such as temperatures are named local variables of the function, not arguments.",
-        ]
-    else:
-        specific = [
-            f"The function is named {name}. It reads variables of the environment as self.<name>, or takes them as arguments by their exact names.",
-            f"It returns three lists of equal length, 1 to {MAX_NAMES}: the progress variables, float tensors of shape (num_envs,); for each a bool, True when the task needs it to rise and False when it must fall; and for each a distinct name.",
-            "Helpers, also as self.<helper>: " + "; ".join(HELPERS.values()) + ".",
-        ]
-    lines = ["```python", SIGNATURES[kind], "```", *(f"- {line}" for line in specific + common)]
-    return "\n".join(lines)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from porse.functions.contract import contract_text
-from porse.functions.verdict import Kind, Verdict
+from porse.functions.contract import FUNCTION_NAMES, HELPERS
+from porse.functions.verdict import MAX_NAMES, Kind, Verdict
 from porse.generation.about import About
 from porse.llm.request import Message
 from porse.prompts import number, numbers, render
@@ -60,7 +60,7 @@ class Brief:
 
 def conversation(brief: Brief, kind: Kind, slot: int) -> tuple[Message, ...]:
     """Returns the messages that ask for the function of `kind` in `slot`; only bred rewards differ between slots."""
-    contract = contract_text(kind)
+    contract = contract_text(brief.prompts, kind)
     system = render(brief.prompts, f"{kind}-system", contract=contract, beyond_goal=brief.beyond_goal)
     task = render(brief.prompts, "task", **brief.about, environment=brief.environment, kind=kind)
     first = (Message("system", system), Message("user", task))
@@ -77,6 +77,12 @@ def conversation(brief: Brief, kind: Kind, slot: int) -> tuple[Message, ...]:
     )
     best = f"```python\n{brief.winner[f'{kind}_source'].strip()}\n```"
     return (*first, Message("assistant", best), Message("user", feedback))
+
+
+def contract_text(prompts: Path, kind: Kind) -> str:
+    """Returns the part of a prompt that says what a function of `kind` must look like."""
+    name, helpers = FUNCTION_NAMES[kind][0], [*HELPERS.values()]
+    return render(prompts, "contract", kind=kind, function=name, most=MAX_NAMES, helpers=helpers)
 
 
 def _bred(first: tuple[Message, Message], brief: Brief, breeding: Breeding) -> tuple[Message, ...]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from porse.exploration import Counts, ProgressSpace, SimHash, Visits
-from porse.functions.run.execute import MappingFunction
+from porse.functions.run.execute import Function
 from porse.training.scale import Scale
 
 Seen = tuple[Tensor, Mapping[str, Tensor]]
@@ -119,13 +119,13 @@ class MappingBonus:
         ledger: counts and prices them.
     """
 
-    def __init__(self, mapping: MappingFunction, space: ProgressSpace, ledger: Ledger) -> None:
+    def __init__(self, mapping: Function, space: ProgressSpace, ledger: Ledger) -> None:
         self._mapping, self.space, self.ledger = mapping, space, ledger
 
     def see(self, variables: Mapping[str, Any]) -> Seen:
         """Returns the progress variables, (num_envs, variables), and each by name."""
-        progress, _, names = self._mapping(variables)
-        return torch.stack(list(progress), dim=1), dict(zip(names, progress, strict=True))
+        progress = self._mapping(variables)
+        return torch.stack(progress, dim=1), dict(zip(self._mapping.names, progress, strict=True))
 
     def pay(self, epoch: int, seen: Tensor, ends: Tensor) -> Bonuses:
         """Returns the bonus; bins are fixed by the first epoch of the counts."""

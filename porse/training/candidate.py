@@ -6,7 +6,7 @@ from collections.abc import Callable
 from porse.config import Params
 from porse.errors import PorseError
 from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
-from porse.functions.run.execute import MappingFunction, RewardFunction
+from porse.functions.run.execute import Function
 from porse.functions.verdict import CodeError
 from porse.identity import seed_for
 from porse.search.lengths import rung_epochs
@@ -71,7 +71,7 @@ def reward_of(job: Job, task: Task, params: Params) -> Reward:
 
 def _goal(job: Job, params: Params) -> Goal:
     if params.candidate.goal == "generated":
-        return generated(RewardFunction(job.reward_program, params.numerics == "portable"))
+        return generated(Function(job.reward_program, "reward", params.numerics == "portable"))
     return human if params.candidate.goal == "human" else sparse
 
 
@@ -88,7 +88,7 @@ def _bonus(job: Job, task: Task, params: Params) -> Bonus:
     if params.candidate.bonus == "simhash":
         hashes = SimHash(task.NUM_OBSERVATIONS, exploration.simhash_bits, seed_for(job.seed, "simhash"))
         return SimHashBonus(hashes, _ledger(hashes.cells, params))
-    mapping = MappingFunction(job.mapping_program, params.numerics == "portable")
+    mapping = Function(job.mapping_program, "mapping", params.numerics == "portable")
     space = ProgressSpace(mapping.rises, exploration.cells, exploration.discretiser)
     return MappingBonus(mapping, space, _ledger(space.cells, params))
 

@@ -5,16 +5,22 @@ from typing import Any
 
 from torch import Tensor
 
-from porse.functions.run.execute import RewardFunction
+from porse.functions.run.execute import Function
 from porse.tasks.base import Task
 
 Goal = Callable[[Task, Mapping[str, Any]], tuple[Tensor, Mapping[str, Tensor]]]
 """Task and variables of a state -> reward (num_envs,) and its components by name. Raises CodeError."""
 
 
-def generated(function: RewardFunction) -> Goal:
+def generated(function: Function) -> Goal:
     """Returns the goal reward that a generated function computes from the variables."""
-    return lambda task, variables: function(variables)
+
+    def goal(task: Task, variables: Mapping[str, Any]) -> tuple[Tensor, Mapping[str, Tensor]]:
+        del task
+        total, *components = function(variables)
+        return total, dict(zip(function.names, components, strict=True))
+
+    return goal
 
 
 def human(task: Task, variables: Mapping[str, Any]) -> tuple[Tensor, Mapping[str, Tensor]]:

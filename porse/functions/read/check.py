@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable
 from typing import NoReturn
 
 from porse.functions.contract import ATTRIBUTES, BUILTINS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
-from porse.functions.read.prelude import HELPERS_IN_SCOPE
+from porse.helpers import HELPERS_IN_SCOPE
 from porse.functions.read.runnable import ERRORS, is_module, offered
 from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import Check, CodeError, words

@@ -71,11 +71,10 @@ def serve(load: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
 def _judged(request: Mapping[str, Any], values: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
     """Returns the parts of the verdict on a reply, and the source in it: what a confined process says, and that alone."""
     ours, its = socket.socketpair()
-    process = multiprocessing.get_context("fork").Process(target=_serve_one, args=(its, values, limits))
+    process = multiprocessing.get_context("fork").Process(target=_serve_one, args=(its, request, values, limits))
     process.start()
     its.close()
     with ours:
-        send(ours, request)
         try:
             found, in_time = receive(ours, limits.wall_s), True
         except TimeoutError:
@@ -100,13 +99,13 @@ def _judged(request: Mapping[str, Any], values: Mapping[str, Any], limits: Limit
     return {"check": "crash", "message": "the function ended its process"}
 
 
-def _serve_one(pipe: socket.socket, values: Mapping[str, Any], limits: Limits) -> None:
+def _serve_one(pipe: socket.socket, request: Mapping[str, Any], values: Mapping[str, Any], limits: Limits) -> None:
     """Answers one request, in a process that can do nothing else."""
     keep = pipe.fileno()
     try:
-        with open(keep, "rb", closefd=False) as requests, open(keep, "wb", closefd=False) as answers:
+        with open(keep, "wb", closefd=False) as answers:
             confine(limits, keep)
-            answers.write(json.dumps(_answer(json.loads(requests.readline()), values)).encode() + b"\n")
+            answers.write(json.dumps(_answer(request, values)).encode() + b"\n")
     finally:
         os._exit(0)
 

@@ -28,7 +28,7 @@ from porse.functions.contract import (
     TORCH_FUNCTIONS,
     TORCH_MODULES,
 )
-from porse.functions.read.prelude import HELPERS_IN_SCOPE
+from porse.helpers import HELPERS_IN_SCOPE
 from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import CodeError, words
 

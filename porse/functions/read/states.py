@@ -34,10 +34,8 @@ def of_environments(values: Mapping[str, Any], count: int, read: Collection[str]
 
     The others are of the right sizes, and take no memory.
     """
-    index, tensors = (
-        torch.arange(count) % values["num_envs"],
-        {n: v for n, v in values.items() if isinstance(v, Tensor)},
-    )
+    tensors = {n: v for n, v in values.items() if isinstance(v, Tensor)}
+    index = torch.arange(count) % values["num_envs"]
     every = tensors if read is None else read
     rows = {n: v[index] if n in every else v[:1].expand(count, *v.shape[1:]) for n, v in tensors.items()}
     return {**values, **rows, "num_envs": count}

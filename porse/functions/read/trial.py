@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from porse.functions.read.states import of_environments
-from porse.functions.run.execute import MappingFunction, RewardFunction
+from porse.functions.run.execute import Function
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, registers
 from porse.functions.run.shapes import makes_pairs
@@ -30,9 +30,6 @@ _STEPS = words("""
     """)
 """Operators whose results may stay the same over most states, and still tell some from others."""
 
-Loaded = RewardFunction | MappingFunction
-
-
 def try_program(program: Program, values: Mapping[str, Any]) -> str:
     """Returns the warning of a verdict on an operator list that passed, "" for none.
 
@@ -45,7 +42,7 @@ def try_program(program: Program, values: Mapping[str, Any]) -> str:
     """
     if not program.variables:
         raise CodeError("constant", "the function reads no state of the task, so its output never changes")
-    function = (RewardFunction if program.kind == "reward" else MappingFunction)(program.text, portable=True)
+    function = Function(program.text, program.kind, portable=True)
     states = {name: values[name] for name in ("num_envs", *program.variables)}
     with torch.inference_mode():
         outputs = _outputs(function, states)
@@ -55,13 +52,11 @@ def try_program(program: Program, values: Mapping[str, Any]) -> str:
         return _check_rows(function, states, outputs)
 
 
-def _outputs(function: Loaded, values: Mapping[str, Any]) -> dict[str, Tensor]:
-    """Returns every output by what it is."""
-    if isinstance(function, RewardFunction):
-        total, components = function(values)
-        return {f"the component {name}": value for name, value in components.items()} | {"the total reward": total}
-    progress, _, names = function(values)
-    return {f"the progress variable {name}": value for name, value in zip(names, progress, strict=True)}
+def _outputs(function: Function, values: Mapping[str, Any]) -> dict[str, Tensor]:
+    """Returns every output by what it is, a reward's total at last."""
+    results, is_reward = function(values), function.program.kind == "reward"
+    what, total = ("component", {"the total reward": results.pop(0)}) if is_reward else ("progress variable", {})
+    return {f"the {what} {name}": value for name, value in zip(function.names, results, strict=True)} | total
 
 
 def _check_values(program: Program, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
@@ -86,7 +81,7 @@ def _check_values(program: Program, values: Mapping[str, Any], outputs: Mapping[
             )
 
 
-def _check_reacts(function: Loaded, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
+def _check_reacts(function: Function, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> None:
     """Refuses outputs of which no row changes however its variables are disturbed.
 
     Single components may be constant in these states: a bonus that nobody has earned yet. What compares or clamps may
@@ -118,7 +113,7 @@ def _may_step(program: Program, result: int) -> bool:
     return held.get(result, False)
 
 
-def _check_rows(function: Loaded, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> str:
+def _check_rows(function: Function, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> str:
     """Returns a warning where an environment's results hang on the other environments.
 
     Raises:

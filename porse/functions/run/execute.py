@@ -9,7 +9,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,11 +31,12 @@ _IN_PLACE = words("""
 """Operators that keep shape and type, and that exist in a form that writes over the first argument."""
 
 
-class _Function:
-    """A list and what it is ready for.
+class Function:
+    """A goal reward or a mapping: a list and what it is ready for.
 
     Args:
         text: the list, from a candidate.
+        kind: what it has to be.
         portable: replace the operators whose bits depend on the CPU's vendor.
 
     Attributes:
@@ -48,18 +49,19 @@ class _Function:
         CodeError: the text is no list of this kind.
     """
 
-    KIND: ClassVar[Kind]
-
-    def __init__(self, text: str, portable: bool) -> None:
+    def __init__(self, text: str, kind: Kind, portable: bool) -> None:
         self.program = program = read_program(text)
         self.names, self.rises = program.names, program.rises
         self.shapes: list[Shapes] = []
         self._is_portable, self._num_envs = portable, -1
-        if program.kind != self.KIND:
-            raise CodeError("static", f"expected the operator list of a {self.KIND}, found that of a {program.kind}")
+        if program.kind != kind:
+            raise CodeError("static", f"expected the operator list of a {kind}, found that of a {program.kind}")
 
-    def _results(self, variables: Mapping[str, Any]) -> list[Tensor]:
-        """Returns the list's results for the task's variables by name.
+    def __call__(self, variables: Mapping[str, Any]) -> list[Tensor]:
+        """Returns the results, (num_envs,) and float32 each: a reward's total and components, or progress variables.
+
+        Args:
+            variables: the task's, by name.
 
         Raises:
             CodeError: the list is not sound, or an operator fails on these values.
@@ -84,27 +86,6 @@ class _Function:
             text = (str(error) or type(error).__name__).splitlines()[0][:600]
             raise CodeError("run", f"torch says: {text}") from None
         return [slots[index] for index in self.program.results]
-
-
-class RewardFunction(_Function):
-    """A goal reward."""
-
-    KIND = "reward"
-
-    def __call__(self, variables: Mapping[str, Any]) -> tuple[Tensor, dict[str, Tensor]]:
-        """Returns the total, (num_envs,), and each component, (num_envs,), by name, all float32; errors as `_results`."""
-        total, *components = self._results(variables)
-        return total, dict(zip(self.names, components, strict=True))
-
-
-class MappingFunction(_Function):
-    """A mapping."""
-
-    KIND = "mapping"
-
-    def __call__(self, variables: Mapping[str, Any]) -> tuple[list[Tensor], list[bool], list[str]]:
-        """Returns the progress variables, (num_envs,) and float32, their directions and names; errors as `_results`."""
-        return self._results(variables), list(self.rises), list(self.names)
 
 
 def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any, ...], list[Run]]:

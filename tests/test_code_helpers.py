@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from code_cases import compile_reward, reward, values, variable
-from porse.functions.contract import HELPERS, contract_text
-from porse.functions.read.prelude import HELPERS_IN_SCOPE
+from porse.functions.contract import HELPERS
+from porse.generation.conversations import contract_text
+from porse.helpers import HELPERS_IN_SCOPE
 
 HALF = math.sqrt(0.5)
 NONE = (0.0, 0.0, 0.0, 1.0)
@@ -142,6 +143,6 @@ def test_a_function_that_calls_helpers_gives_what_they_give(body):
     torch.testing.assert_close(found, beside["x"], atol=1e-5, rtol=1e-5)
 
 
-def test_prompts_name_the_two_helpers_of_the_contract_alone():
-    text = contract_text("mapping")
+def test_prompts_name_the_two_helpers_of_the_contract_alone(root):
+    text = contract_text(root / "prompts", "mapping")
     assert [name for name in HELPERS_IN_SCOPE if f"{name}(" in text] == list(HELPERS)
