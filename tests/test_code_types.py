@@ -103,7 +103,7 @@ def test_types_change_as_in_python(name, portable):
     torch.testing.assert_close(total, in_python(source, (states["a"], states["b"])), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", NUMPY_NAMES)
+@pytest.mark.parametrize("name", sorted(NUMPY_NAMES))
 def test_what_is_offered_of_numpy_is_numpys(name):
     found = getattr(np, name)
     text, expected = f"np.{name}", found
