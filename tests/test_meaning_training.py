@@ -346,7 +346,7 @@ def test_a_mapping_bonus_counts_the_outputs_in_their_order_and_shows_them_by_nam
     mapping.names = ("far", "deep")
     bonus = MappingBonus(mapping, ProgressSpace([True, False], 16, "grid"), ledger(16, 3))
     seen, progress = bonus.see({})
-    assert seen.tolist() == [[0.0, 0.0], [30.0, -30.0], [-30.0, -30.0]]
+    assert seen.tolist() == [[0.0, 30.0, -30.0], [0.0, -30.0, -30.0]]
     assert [(name, value.tolist()) for name, value in progress.items()] == [
         ("far", [0.0, 30.0, -30.0]),
         ("deep", [0.0, -30.0, -30.0]),
@@ -354,7 +354,7 @@ def test_a_mapping_bonus_counts_the_outputs_in_their_order_and_shows_them_by_nam
     found = bonus.pay(1, seen.unsqueeze(0), no_ends(1, 3))
     # 4 bins: m = 0 of the first and 30 of the second, turned; s = 7.5; nothing is beyond 22.3 s.
     # bins (2, 1), (2, 2), (1, 2), so cells 9, 10 and 6
-    assert bonus.space.locate(seen.unsqueeze(0)).tolist() == [[9, 10, 6]]
+    assert bonus.space.locate(seen.t().unsqueeze(0)).tolist() == [[9, 10, 6]]
     assert found.amount[0].tolist() == pytest.approx([0.4] * 3)
     assert found.series == {"cells_visited": 3 / 16, "new_cells": 3.0}
 
@@ -409,11 +409,11 @@ def test_a_mapping_bonus_remembers_its_bins_and_its_counts():
         return MappingBonus(None, ProgressSpace([True], 5, "grid"), ledger(5, 2))
 
     first, second = made(), made()
-    first.pay(1, torch.tensor([[[3.0], [3.0]]]), no_ends(1, 2))
+    first.pay(1, torch.tensor([[[3.0, 3.0]]]), no_ends(1, 2))
     assert set(first.state()) == {"bins", "counts", "visited"}
     second.load_state(first.state())
     # third and fourth visit of the cell around 3, and a first one of another cell
-    found = second.pay(2, torch.tensor([[[3.0], [9.0]], [[3.0], [3.0]]]), no_ends(2, 2))
+    found = second.pay(2, torch.tensor([[[3.0, 9.0]], [[3.0, 3.0]]]), no_ends(2, 2))
     assert found.amount.tolist() == [pytest.approx([0.4 / 3**0.5, 0.4]), pytest.approx([0.4 / 5**0.5] * 2)]
 
 
@@ -877,7 +877,7 @@ def test_a_mapping_is_counted_as_its_discretiser_says_with_all_cells(small, made
     # two variables: 10 x 10 = 100; 2 (50 - 1) + 1 = 99
     assert (bonus.space.cells, bonus.space.bins, len(bonus.ledger._counts.table)) == (cells, bins, cells)
     # both fall as the task is done
-    assert bonus.space._signs.tolist() == [-1.0, -1.0]
+    assert bonus.space._signs == [-1.0, -1.0]
 
 
 def test_a_simhash_follows_from_the_jobs_seed(small, made, tmp_path):

@@ -133,14 +133,17 @@ def test_starts_are_spread_as_stated() -> None:
     assert float(task._physics.ctrl[:, 8:].abs().max()) == 0.0
 
 
-def test_variables_of_the_present_are_copied_when_they_are_read_and_not_before() -> None:
+def test_variables_of_the_present_are_copied_once_when_they_are_read_and_not_before() -> None:
     task = Quadcopter(3, 0, 1)
     present, before = task.present(), task.variables()
     assert list(present) == list(before)
     present["root_positions"].fill_(99.0)
     assert torch.equal(task.variables()["root_positions"], before["root_positions"])
+    assert float(present["root_positions"][0, 0]) == 99.0
     task.step(torch.ones(3, task.NUM_ACTIONS))
-    assert torch.equal(present["root_positions"], task.variables()["root_positions"])
-    assert not torch.equal(present["root_positions"], before["root_positions"])
+    # Read before the step, and after it.
+    assert float(present["root_positions"][0, 0]) == 99.0
+    assert torch.equal(present["root_linvels"], task.variables()["root_linvels"])
+    assert not torch.equal(present["root_linvels"], before["root_linvels"])
     with pytest.raises(KeyError):
         present["_physics"]

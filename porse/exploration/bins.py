@@ -89,7 +89,7 @@ class ProgressSpace:
             self.bins = bins_per_variable(cells, variables)
             self.cells = self.bins**variables
             self._weights = [self.bins**place for place in reversed(range(variables))]
-        self._signs = torch.tensor([1.0 if up else -1.0 for up in rises], dtype=torch.float64)
+        self._signs = [1.0 if up else -1.0 for up in rises]
         self._unit_edges = torch.tensor(unit_edges(self.bins), dtype=torch.float64)
         self.forget()
 
@@ -106,23 +106,23 @@ class ProgressSpace:
         """Returns the cell of each state; where no bins are fixed yet, these states fix them.
 
         Args:
-            progress: (steps, num_envs, variables), the progress variables.
+            progress: (steps, num_envs, variables) float32, the progress variables.
 
         Returns:
             (steps, num_envs) int64, from 0; -1 where a value is not finite.
         """
-        turned = progress.double() * self._signs
-        finite = turned.isfinite().all(dim=-1)
+        columns = zip(progress.unbind(dim=-1), self._signs, strict=True)
+        turned = [values.double().contiguous() * sign for values, sign in columns]
+        # In double precision no sum of a few float32 overflows, so it is finite where all are.
+        finite = torch.stack(turned).sum(dim=0).isfinite()
         if not self.is_fitted and bool(finite.any()):
-            fits = [centre_and_unit(values) for values in turned[finite].unbind(dim=-1)]
+            fits = [centre_and_unit(values[finite]) for values in turned]
             self._fits = torch.tensor(fits, dtype=torch.float64)
         cells = torch.zeros(finite.shape, dtype=torch.int64)
-        for values, (centre, unit), weight in zip(
-            turned.unbind(dim=-1), self._fits.tolist(), self._weights, strict=True
-        ):
+        for values, (centre, unit), weight in zip(turned, self._fits.tolist(), self._weights, strict=True):
             edges = self._unit_edges * unit + centre
             # A value on an edge lies in the bin above it.
-            cells += weight * torch.bucketize(values.contiguous(), edges, right=True)
+            cells += weight * torch.bucketize(values, edges, right=True)
         return torch.where(finite, cells, -1)
 
     def state(self) -> dict[str, Tensor]:

@@ -63,12 +63,13 @@ class Counts:
         counted = cells >= 0
         places = self._counters * self._cells + cells.clamp_min(0)
         own, before = torch.zeros_like(cells), torch.zeros_like(cells)
-        for step, (place, weight) in enumerate(zip(places, counted.long(), strict=True)):
-            before[step] = flat[place]
+        for place, weight, first, last, end in zip(places, counted.long(), before, own, ends, strict=True):
+            # A third of what an index takes.
+            torch.index_select(flat, 0, place, out=first)
             flat.index_add_(0, place, weight)
-            own[step] = flat[place]
+            torch.index_select(flat, 0, place, out=last)
             if self._each_episode:
-                self.table[ends[step]] = 0
+                self.table[end] = 0
         # Of n environments that meet in a new cell, which then has n visits, each brings an n-th of it.
         brought = torch.where(counted & (before == 0), own.double().reciprocal(), 0.0)
         total, distinct = self._add_up(self._total, counted.double(), ends), self._add_up(self._distinct, brought, ends)

@@ -11,6 +11,7 @@ A task here is a vector of `num_envs` environments. One control step is
 Nothing draws from a global generator, and `state` holds everything that a bit-exact continuation needs.
 """
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar
@@ -213,7 +214,7 @@ class Task(ABC):
         return dict(self.present())
 
     def present(self) -> Mapping[str, Value]:
-        """Returns the variables as they are when they are asked for, each copied only then.
+        """Returns the variables, each as it is when it is asked for first, and copied only then.
 
         A function reads a few of some twenty, and to copy the others would take as long as to compute it.
         """
@@ -347,16 +348,24 @@ class _Present(Mapping[str, Value]):
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._names = [variable.name for variable in task.VARIABLES]
+        self._names = _names(type(task))
+        self._copies: dict[str, Value] = {}
 
     def __getitem__(self, name: str) -> Value:
-        if name not in self._names:
-            raise KeyError(name)
-        value = getattr(self._task, name)
-        return value.clone() if isinstance(value, Tensor) else value
+        if name not in self._copies:
+            if name not in self._names:
+                raise KeyError(name)
+            value = getattr(self._task, name)
+            self._copies[name] = value.clone() if isinstance(value, Tensor) else value
+        return self._copies[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+@functools.cache
+def _names(kind: type[Task]) -> tuple[str, ...]:
+    return tuple(variable.name for variable in kind.VARIABLES)

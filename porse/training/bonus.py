@@ -123,15 +123,15 @@ class MappingBonus:
         self._mapping, self.space, self.ledger = mapping, space, ledger
 
     def see(self, variables: Mapping[str, Any]) -> Seen:
-        """Returns the progress variables, (num_envs, variables), and each by name."""
+        """Returns the progress variables, (variables, num_envs), and each by name."""
         progress = self._mapping(variables)
-        return torch.stack(progress, dim=1), dict(zip(self._mapping.names, progress, strict=True))
+        return torch.stack(progress), dict(zip(self._mapping.names, progress, strict=True))
 
     def pay(self, epoch: int, seen: Tensor, ends: Tensor) -> Bonuses:
         """Returns the bonus; bins are fixed by the first epoch of the counts."""
         if self.ledger.begins_anew(epoch):
             self.space.forget()
-        return self.ledger.pay(self.space.locate(seen), ends)
+        return self.ledger.pay(self.space.locate(seen.transpose(1, 2)), ends)
 
     def state(self) -> dict[str, Tensor]:
         """Returns the bins and the counts."""

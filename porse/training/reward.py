@@ -57,6 +57,7 @@ class Reward:
 
     def _begin(self) -> None:
         self._names: tuple[str, ...] = ()
+        self._components: list[str] = []
         self._values: list[Tensor] = []
         self._seen: list[Tensor] = []
 
@@ -72,11 +73,13 @@ class Reward:
             seen, progress = self._bonus.see(variables)
         except CodeError as error:
             raise CandidateFailed(f"its function raised in training: {error}") from error
-        names = sorted(components)
-        self._names = ("goal", *(f"component/{name}" for name in names), *(f"progress/{name}" for name in progress))
-        values = [goal, *(components[name] for name in names), *progress.values()]
+        if not self._names:
+            self._components = sorted(components)
+            shown = [*(f"component/{name}" for name in self._components), *(f"progress/{name}" for name in progress)]
+            self._names = ("goal", *shown)
+        values = [goal, *(components[name] for name in self._components), *progress.values()]
         # A copy: what a function returns may be the simulation's own memory.
-        self._values.append(torch.stack([value.float() for value in values]))
+        self._values.append(torch.stack(values).float())
         self._seen.append(seen)
 
     def pay(self, epoch: int, ends: Tensor) -> Payment:

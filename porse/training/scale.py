@@ -81,12 +81,12 @@ class ReturnScale:
 
     def _returns(self, stream: Tensor, ends: Tensor) -> Tensor:
         """Returns the discounted return up to each step, (steps, num_envs), and goes on from its end."""
-        running, returns = self._return, []
-        for reward, goes_on in zip(stream, (~ends).double(), strict=True):
-            returns.append(running * self._gamma + reward)
-            running = returns[-1] * goes_on
+        running, returns = self._return, torch.empty_like(stream)
+        for reward, goes_on, now in zip(stream, (~ends).double(), returns, strict=True):
+            torch.mul(running, self._gamma, out=now).add_(reward)
+            running = now * goes_on
         self._return = running
-        return torch.stack(returns)
+        return returns
 
     def _learn(self, returns: Tensor) -> None:
         """Joins the moments of an epoch's returns to those so far (Chan et al.)."""
