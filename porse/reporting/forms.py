@@ -113,9 +113,8 @@ def mean_text(mean: float, deviation: float | None) -> str:
 
 
 def _by_task(shown: Comparison, name: str) -> Rows:
-    known = {(row["task"], row["label"]) for row in shown.budget}
-    # Of what was run, but has no such figure.
-    missing = {group: "undefined" for group in known}
+    # What was run, and has no such figure, is not what was not run.
+    missing = {(row["task"], row["label"]): "undefined" for row in shown.budget}
     lines = (
         [task, *(cell_text(shown.cell(name, task, label)) or missing.get((task, label), "") for label in shown.labels)]
         for task in shown.tasks

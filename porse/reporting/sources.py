@@ -1,6 +1,5 @@
 """Finished runs from suites and from folders, as one list whose runs can be told apart."""
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -58,10 +57,11 @@ def read_sources(paths: Sequence[Path]) -> Sources:
         raise PorseError(
             f"expected a finished run in {', '.join(map(str, paths))}, found none; run `porse suite run` or `porse repro` first"
         )
-    twice = [run.status.entry.name for run in named if Counter(map(_key, named))[_key(run)] > 1]
-    if twice:
+    key, count = Counter(map(_key, named)).most_common(1)[0]
+    if count > 1:
+        twice = next(run.status.entry.name for run in named if _key(run) == key)
         raise PorseError(
-            f"expected runs that can be told apart, found {twice[0]} twice; give the folders, or the suites' files, other names"
+            f"expected runs that can be told apart, found {twice} twice; give the folders, or the suites' files, other names"
         )
     return Sources(named, left_out)
 
@@ -84,9 +84,9 @@ def _run(folder: Path) -> Done:
     return Done(Status(entry, "done", read_metrics(folder / "metrics.json"), None), folder)
 
 
-def _key(run: Done) -> str:
+def _key(run: Done) -> tuple[str, str, str, str, int]:
     entry = run.status.entry
-    return json.dumps([entry.task, entry.method, entry.ablation, entry.variant, entry.seed])
+    return entry.task, entry.method, entry.ablation, entry.variant, entry.seed
 
 
 def _named(run: Done, name: str) -> Done:
