@@ -133,6 +133,41 @@ def test_what_was_clamped_has_its_gradient_inside_and_at_both_ends():
     assert leaf.grad.tolist() == [0.0, 2.0, 3.0, 4.0, 0.0]
 
 
+def test_advantages_that_hardly_differ_are_divided_as_in_the_library():
+    """Rewards of 1e-8 and values of 0: what is added to the deviation, 1e-8, is as large as the deviation."""
+    ppo, library = made({}), made({})
+    for one in (ppo, library):
+        with torch.no_grad():
+            for weight in one.critic.parameters():
+                weight.zero_()
+    states, ends, timed_out, rewards = next(epochs(1))
+    for one, epoch in ((ppo, lean), (library, by_the_library)):
+        torch.manual_seed(3)
+        epoch(one, states, ends, timed_out, 1e-8 * rewards)
+    own, theirs = ppo.storage.advantages, library.storage.advantages
+    assert torch.equal(own, theirs)
+    assert 0.3 < own.std().item() < 0.7
+
+
+@pytest.mark.parametrize(
+    ("desired_kl", "means", "rate"),
+    [
+        # One action is a deviation off: (1 + 1 - 1 - log 1) / 2, a divergence of 0.5.
+        (0.24, 1.0, 0.002),
+        (0.25, 1.0, 0.003),
+        (1.0, 1.0, 0.003),
+        (1.01, 1.0, 0.0045),
+        (1.01, 0.0, 0.003),
+    ],
+)
+def test_the_rate_falls_beyond_twice_the_desired_divergence_and_rises_below_half_of_it(desired_kl, means, rate):
+    ppo = made({"desired_kl": desired_kl})
+    ppo.storage.distribution_params = (torch.zeros(1, 1, ACTIONS), torch.ones(1, 1, ACTIONS))
+    ppo._adapt(torch.zeros(1, ACTIONS), torch.tensor([[means, 0.0, 0.0]]), torch.ones(ACTIONS))
+    assert ppo.learning_rate == pytest.approx(rate)
+    assert ppo.optimizer.param_groups[0]["lr"] == ppo.learning_rate
+
+
 _FAST = """
 import sys
 from porse import numerics
@@ -150,4 +185,4 @@ def test_the_same_holds_in_the_profile_fast():
         [sys.executable, "-c", _FAST, __file__], env=environment, cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
-    assert f"{len(VARIED) + 2} passed" in done.stdout
+    assert f"{len(VARIED) + 8} passed" in done.stdout

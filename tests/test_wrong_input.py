@@ -208,6 +208,26 @@ def test_the_memory_of_a_training_is_estimated_from_its_sizes(params):
     assert training_mib(train, 5, 3) == 11
 
 
+def test_each_number_of_the_estimate_counts(params):
+    sizes = {"num_envs": 2**19, "steps_per_epoch": 2, "minibatches": 3, "hidden": (48, 24)}
+    train = dataclasses.replace(params.train, **sizes)
+    # 2^20 steps: 4 x (2 x 37 + 3 x 5 + 8) bytes each, 388 MiB. A batch of 349 525: 4 x 2 x (37 + 3 x 72) bytes each,
+    # 674.67 MiB. Environments: half of 6144 + 64 x 37, 4256 MiB. Together 5318.67.
+    assert training_mib(train, 37, 5) == 5318
+
+
+def test_what_just_fits_is_not_refused_and_a_mebibyte_more_is(params, monkeypatch):
+    wide = dataclasses.replace(params, train=dataclasses.replace(params.train, num_envs=65536))
+    # 131 073 environments of 6144 + 64 x 21 bytes: 936.007 MiB.
+    many = dataclasses.replace(params, evaluate=dataclasses.replace(params.evaluate, episodes=131073))
+    for found, needed, words in ((wide, training_mib(wide.train, 21, 12), "a training"), (many, 936, "evaluate")):
+        monkeypatch.setenv("PORSE_MEMORY_MIB", str(needed))
+        check_memory(found)
+        monkeypatch.setenv("PORSE_MEMORY_MIB", str(needed - 1))
+        with pytest.raises(PorseError, match=f"expected memory for {words}"):
+            check_memory(found)
+
+
 def test_the_estimate_is_near_what_trainings_were_measured_to_fill(params):
     train = dataclasses.replace(params.train, num_envs=16384, steps_per_epoch=16, minibatches=4, hidden=(64, 64))
     assert training_mib(train, 21, 12) == pytest.approx(435, rel=0.25)
