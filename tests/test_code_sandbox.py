@@ -13,7 +13,7 @@ import pytest
 from code_cases import VARIABLES, reward, traced, values
 from porse.functions.read import probe
 from porse.functions.read.confine import Limits
-from porse.functions.read.sandbox import ProbeError, Sandbox
+from porse.functions.read.sandbox import ProbeError, Sandbox, _verdict
 from porse.functions.read.states import packed
 
 GOOD = reward("x = a[:, 0] + b[:, 0]")
@@ -74,11 +74,12 @@ def test_the_child_has_a_scrubbed_environment_and_leaves_nothing_behind(monkeypa
     monkeypatch.setenv("PORSE_SECRET", "canary")
     with Sandbox(Limits()) as running:
         running.prepare(packed(values()))
-        process, folder = running._process, running._folder
+        process = running._process
+        folder = os.readlink(f"/proc/{process.pid}/cwd")
         with open(f"/proc/{process.pid}/environ", "rb") as file:
             assert b"canary" not in file.read()
-        assert os.readlink(f"/proc/{process.pid}/cwd") == folder
         assert os.getsid(process.pid) == process.pid
+        assert os.path.basename(folder).startswith("porse-probe-")
         assert os.listdir(folder) == []
     assert process.returncode is not None
     assert not os.path.exists(folder)
@@ -100,14 +101,14 @@ LIST = traced(GOOD, "reward", VARIABLES).text
 def test_who_ran_a_function_is_not_trusted_with_the_verdict(monkeypatch, answer, check):
     monkeypatch.setattr(probe, "_answer", lambda request, states: answer)
     found = probe._judged({"reply": GOOD, "kind": "reward"}, values(), Limits())
-    assert (found["check"], found.get("passed", False)) == (check, False)
+    assert (found["check"], _verdict(found).passed) == (check, False)
 
 
 def test_names_and_directions_are_those_of_the_list(monkeypatch):
     forged = {"program": LIST, "source": GOOD, "warning": "", "names": ["other"], "rises": [True], "passed": False}
     monkeypatch.setattr(probe, "_answer", lambda request, states: forged)
-    found = probe._judged({"reply": GOOD, "kind": "reward"}, values(), Limits())
-    assert (found["passed"], found["names"], found["rises"]) == (True, ("x",), ())
+    found = _verdict(probe._judged({"reply": GOOD, "kind": "reward"}, values(), Limits()))
+    assert (found.passed, found.check, found.names, found.rises) == (True, "ok", ("x",), ())
 
 
 _ESCAPES = """

@@ -11,10 +11,10 @@ from collections.abc import Collection, Iterable
 from typing import NoReturn
 
 from porse.functions.contract import ATTRIBUTES, BUILTINS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
-from porse.helpers import HELPERS_IN_SCOPE
 from porse.functions.read.runnable import ERRORS, is_module, offered
 from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import Check, CodeError, words
+from porse.helpers import HELPERS_IN_SCOPE
 
 _PLAIN = (
     ast.Return, ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Pass, ast.Break, ast.Continue, ast.Assert, ast.Delete,

@@ -14,6 +14,8 @@ import struct
 from dataclasses import dataclass
 from typing import Literal
 
+import psutil
+
 from porse.processes import die_with_parent
 
 # Numbers of the kernel's, from its headers.
@@ -75,7 +77,7 @@ def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
     os.closerange(keep + 1, 65536)
     # One second of processor time past the limit is left, so that the process ends with a signal of its own.
     for kind, soft, more in (
-        (resource.RLIMIT_AS, _address_space() + limits.memory_mib * 2**20, 0),
+        (resource.RLIMIT_AS, psutil.Process().memory_info().vms + limits.memory_mib * 2**20, 0),
         (resource.RLIMIT_CPU, limits.cpu_s, 1),
         (resource.RLIMIT_FSIZE, 0, 0),
         (resource.RLIMIT_CORE, 0, 0),
@@ -88,8 +90,8 @@ def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:
     libc, filtered = _libc(), _filter()
     if libc is None or filtered is None or libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
         return "limited"
-    is_set = libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(filtered), 0, 0) == 0
-    return "filtered" if is_set else "limited"
+    failed = libc.prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(filtered), 0, 0)
+    return "limited" if failed else "filtered"
 
 
 @functools.cache
@@ -122,12 +124,3 @@ def _libc() -> ctypes.CDLL | None:
         return None
     libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
     return libc
-
-
-def _address_space() -> int:
-    """Returns the bytes of address space that this process has taken."""
-    try:
-        with open("/proc/self/statm", encoding="ascii") as file:
-            return int(file.read().split()[0]) * resource.getpagesize()
-    except OSError:
-        return 8 * 2**30

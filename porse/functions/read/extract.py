@@ -9,18 +9,11 @@ write beside the functions is refused, so that it is seen.
 import ast
 import contextlib
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 
-from porse.functions.contract import (
-    FUNCTION_NAMES,
-    HELPERS,
-    MAX_REPLY_CHARACTERS,
-    MAX_SOURCE_LINES,
-    MODULES,
-    NAME_PATTERN,
-)
+from porse.functions import contract
 from porse.functions.read.scan import Block, blocks, plain_lines, unwrapped
-from porse.functions.read.source import Source, arguments, parse_source
+from porse.functions.read.source import Source, arguments
 from porse.functions.verdict import CodeError, Kind, words
 
 Import = ast.Import | ast.ImportFrom
@@ -53,8 +46,8 @@ def extract(reply: str, kind: Kind) -> Source:
     Raises:
         CodeError: there is none, or it imports what is not offered; with the line of the reply.
     """
-    if len(reply) > MAX_REPLY_CHARACTERS:
-        raise CodeError("extract", f"expected a reply of at most {MAX_REPLY_CHARACTERS} characters, found {len(reply)}")
+    if len(reply) > (most := contract.MAX_REPLY_CHARACTERS):
+        raise CodeError("extract", f"expected a reply of at most {most} characters, found {len(reply)}")
     line, code = unwrapped(reply)
     everything = list(blocks(plain_lines(code or reply)))
     found = [block for block in everything if block.name]
@@ -66,51 +59,40 @@ def extract(reply: str, kind: Kind) -> Source:
     for function in functions:
         parts += [(function.lines[0], "")] if parts else []
         parts += zip(function.lines, function.text, strict=True)
-    if len(parts) > MAX_SOURCE_LINES:
-        message = f"expected at most {MAX_SOURCE_LINES} lines of code, found {len(parts)}"
+    if len(parts) > contract.MAX_SOURCE_LINES:
+        message = f"expected at most {contract.MAX_SOURCE_LINES} lines of code, found {len(parts)}"
         raise CodeError("extract", message, parts[0][0])
     text = "".join(f"{text}\n" for _, text in parts)
     lines = tuple(line if code else number for number, _ in parts)
-    tree = _parsed(text, lines)
+    tree = ast.Module([block.tree for block in (*first, *functions) if block.tree is not None], [])
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
     modules = _DEFAULT_MODULES.copy()
     for node in ast.walk(tree):
+        if code and hasattr(node, "lineno"):
+            vars(node).update(lineno=line, end_lineno=line)
         if isinstance(node, Import):
             modules |= _bound(node, node.lineno)
     return Source(text, lines, tree, constants, modules, frozenset(node.id for node in names if _is_class(node)))
 
 
-def _parsed(text: str, lines: Sequence[int]) -> ast.Module:
-    """Returns the tree of a text whose lines are these of the reply."""
-    try:
-        tree = parse_source(text)
-    except CodeError as error:
-        raise CodeError(error.check, str(error), lines[error.line - 1]) from None
-    for node in ast.walk(tree):
-        if isinstance(node, ast.stmt | ast.expr | ast.arg | ast.keyword | ast.alias):
-            node.lineno, node.end_lineno = lines[node.lineno - 1], lines[(node.end_lineno or node.lineno) - 1]
-    return tree
-
-
 def _choose(found: list[Block], kind: Kind) -> Block:
     """Returns the last complete function with a right name, else with the nearest thing to one."""
     other: Kind = "mapping" if kind == "reward" else "reward"
-    called = {name for f in found if f.tree for name in _names_read(f.tree)} | {*FUNCTION_NAMES[other], *HELPERS}
-    named = [f for f in found if f.name in FUNCTION_NAMES[kind]]
-    alike = [f for f in found if re.fullmatch(NAME_PATTERN[kind], f.name)]
-    lone = [f for f in found if f.name not in called and not re.fullmatch(NAME_PATTERN[other], f.name)]
+    read = {name for f in found for name in _names_read(f.tree)}
+    called = read | {*contract.FUNCTION_NAMES[other], *contract.HELPERS}
+    named = [f for f in found if f.name in contract.FUNCTION_NAMES[kind]]
+    alike = [f for f in found if re.fullmatch(contract.NAME_PATTERN[kind], f.name)]
+    lone = [f for f in found if f.name not in called and not re.fullmatch(contract.NAME_PATTERN[other], f.name)]
     groups = [named, alike, lone if len(lone) == 1 else []]
     for group in groups:
         if complete := [f for f in group if f.complete]:
             return complete[-1]
     broken = next((group[-1] for group in groups if group), None)
     if broken is None:
-        wanted = FUNCTION_NAMES[kind][0]
+        wanted = contract.FUNCTION_NAMES[kind][0]
         names = ", ".join(dict.fromkeys(f.name for f in found)) or "no function at all"
-        message = (
-            f"expected a function named {wanted} in the reply, found {names}; write def {wanted}(...) in one code block"
-        )
-        raise CodeError("extract", message)
+        message = f"expected a function named {wanted} in the reply, found {names}"
+        raise CodeError("extract", f"{message}; write def {wanted}(...) in one code block")
     if broken.error is not None:
         raise CodeError("syntax", f"the function {broken.name} is not valid Python: {broken.error}", broken.error.line)
     raise CodeError("return", f"the function {broken.name} returns nothing", broken.lines[0])
@@ -150,11 +132,11 @@ def _settings(init: Block) -> Iterator[Block]:
     for statement in found:
         with contextlib.suppress(ValueError):  # not every f-string can be written anew
             text = tuple(ast.unparse(statement).split("\n"))
-            yield Block("", text, (init.lines[statement.lineno - 1],) * len(text), init.region, statement)
+            yield Block("", text, (statement.lineno,) * len(text), init.region, statement)
 
 
 def _assignment(name: str, value: ast.expr, where: ast.stmt) -> ast.Assign:
-    return ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), where)
+    return ast.fix_missing_locations(ast.copy_location(ast.Assign([ast.Name(name, ast.Store())], value), where))
 
 
 def _needed(main: Block, found: list[Block], beside: list[Block]) -> tuple[list[Block], frozenset[str], list[Block]]:
@@ -206,7 +188,7 @@ def _bound(node: Import, line: int) -> dict[str, str]:
     for alias in node.names:
         path = f"{module}.{alias.name}" if module else alias.name
         root = path.split(".")[0]
-        if root not in MODULES:
+        if root not in contract.MODULES:
             message = f"the import of {module or path} is not allowed; only torch, math and typing are offered"
             raise CodeError("static", message, line)
         if root in ("torch", "math", "numpy") and alias.name != "*":

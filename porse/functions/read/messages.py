@@ -15,14 +15,14 @@ def send(peer: socket, message: Mapping[str, Any]) -> None:
         peer.sendall(json.dumps(message).encode() + b"\n")
 
 
-def receive(peer: socket, wall_s: float) -> dict[str, Any]:
-    """Returns the next message of a peer that is not trusted, {} when it ends before, or sends something else.
-
-    Raises:
-        TimeoutError: no message came in time.
-    """
+def receive(peer: socket, wall_s: float) -> dict[str, Any] | None:
+    """Returns the next message of a peer that is not trusted, {} when it ends or sends something else, None if it is late."""
     peer.settimeout(wall_s)
-    with contextlib.suppress(ConnectionError, ValueError, RecursionError), peer.makefile("rb") as messages:
-        found = json.loads(messages.readline(_MAX_MESSAGE))
-        return found if isinstance(found, dict) else {}
-    return {}
+    try:
+        with peer.makefile("rb") as messages:
+            found = json.loads(messages.readline(_MAX_MESSAGE))
+            return found if isinstance(found, dict) else {}
+    except TimeoutError:
+        return None
+    except (ConnectionError, ValueError, RecursionError):
+        return {}

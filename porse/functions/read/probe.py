@@ -75,28 +75,21 @@ def _judged(request: Mapping[str, Any], values: Mapping[str, Any], limits: Limit
     process.start()
     its.close()
     with ours:
-        try:
-            found, in_time = receive(ours, limits.wall_s), True
-        except TimeoutError:
-            found, in_time = {}, False
-    if not found and in_time:
+        found = receive(ours, limits.wall_s)
+    if found == {}:
         process.join(1.0)  # it has let go of its socket, so it ends
-    ended = process.exitcode
+    ended = process.exitcode if found is not None else None
     process.kill()  # to end takes longer than its work did; nobody waits for one that has answered
-    if "program" in found:
+    if found and "program" in found:
         try:
             program = read_program(str(found["program"]))
-            return {**found, "passed": True, "check": "ok", "message": "", "names": program.names, "rises": program.rises}
+            return {**found, "check": "ok", "message": "", "names": program.names, "rises": program.rises}
         except CodeError as error:
-            return _refused(error)
-    if found:
-        return found | {"passed": False}
-    if not in_time or ended == -signal.SIGXCPU:
-        message = f"the function did not finish within {limits.wall_s:g} s; use tensor operations, not long loops"
-        return {"check": "time", "message": message}
-    if ended == -signal.SIGKILL:
-        return {"check": "memory", "message": TOO_MUCH}
-    return {"check": "crash", "message": "the function ended its process"}
+            return {"check": error.check, "message": str(error)}
+    late = f"the function did not finish within {limits.wall_s:g} s; use tensor operations, not long loops"
+    reasons = {None: ("time", late), -signal.SIGXCPU: ("time", late), -signal.SIGKILL: ("memory", TOO_MUCH)}
+    check, message = reasons.get(ended, ("crash", "the function ended its process"))
+    return found or {"check": check, "message": message}
 
 
 def _serve_one(pipe: socket.socket, request: Mapping[str, Any], values: Mapping[str, Any], limits: Limits) -> None:
@@ -112,22 +105,17 @@ def _serve_one(pipe: socket.socket, request: Mapping[str, Any], values: Mapping[
 
 def _answer(request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the operator list of the function in a reply, its own text, and a warning; or why there is none."""
+    line = 0
     try:
         source = extract(request["reply"], request["kind"])
         check_source(source, values)
         program = trace(source, request["kind"], values)
-        try:
-            return {"program": program.text, "source": source.text, "warning": try_program(program, values)}
-        except CodeError as error:
-            return _refused(error, source.last_line)
+        line = source.last_line  # what is wrong with a list is wrong with all of its function
+        return {"program": program.text, "source": source.text, "warning": try_program(program, values)}
     except CodeError as error:
-        return _refused(error)
+        return {"check": error.check, "message": str(error), "line": error.line or line}
     except MemoryError:
         return {"check": "memory", "message": TOO_MUCH}
-
-
-def _refused(error: CodeError, line: int = 0) -> dict[str, Any]:
-    return {"check": error.check, "message": str(error), "line": error.line or line}
 
 
 if __name__ == "__main__":

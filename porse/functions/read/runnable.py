@@ -19,18 +19,10 @@ from typing import Any
 import torch
 from torch.overrides import TorchFunctionMode
 
-from porse.functions.contract import (
-    BUILTINS,
-    MATH_NAMES,
-    NUMPY_NAMES,
-    ROOT_INDICES,
-    TORCH_CONSTANTS,
-    TORCH_FUNCTIONS,
-    TORCH_MODULES,
-)
-from porse.helpers import HELPERS_IN_SCOPE
+from porse.functions import contract
 from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import CodeError, words
+from porse.helpers import HELPERS_IN_SCOPE
 
 ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
 """What may be raised."""
@@ -66,13 +58,13 @@ def _of_numpy(path: str) -> Any:
 _MODULES = SimpleNamespace(
     torch=_names(
         torch,
-        TORCH_FUNCTIONS | TORCH_CONSTANTS,
-        linalg=_names(torch.linalg, TORCH_MODULES["linalg"]),
-        special=_names(torch.special, TORCH_MODULES["special"]),
-        nn=SimpleNamespace(functional=_names(torch.nn.functional, TORCH_MODULES["nn.functional"])),
+        contract.TORCH_FUNCTIONS | contract.TORCH_CONSTANTS,
+        linalg=_names(torch.linalg, contract.TORCH_MODULES["linalg"]),
+        special=_names(torch.special, contract.TORCH_MODULES["special"]),
+        nn=SimpleNamespace(functional=_names(torch.nn.functional, contract.TORCH_MODULES["nn.functional"])),
     ),
-    math=_names(math, MATH_NAMES),
-    numpy=SimpleNamespace(**{name: _of_numpy(path) for name, path in NUMPY_NAMES.items()}),
+    math=_names(math, contract.MATH_NAMES),
+    numpy=SimpleNamespace(**{name: _of_numpy(path) for name, path in contract.NUMPY_NAMES.items()}),
 )
 
 
@@ -148,11 +140,11 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
         code: what `compiled` made of it.
         values: the task's variables by name.
     """
-    values = {name: _Root(value) if name in ROOT_INDICES else value for name, value in values.items()}
+    values = {name: _Root(value) if name in contract.ROOT_INDICES else value for name, value in values.items()}
     own = _Holder(**HELPERS_IN_SCOPE | values)
     space: dict[str, Any] = dict.fromkeys(source.classes, own)
     space |= {**vars(own), **{name: offered(path) for name, path in source.modules.items()}}
-    space["__builtins__"] = {name: getattr(builtins, name) for name in BUILTINS | ERRORS} | {
+    space["__builtins__"] = {name: getattr(builtins, name) for name in contract.BUILTINS | ERRORS} | {
         "print": lambda *parts, **more: None,
         "__import__": _loaded,
         "porse_augment": _augment,

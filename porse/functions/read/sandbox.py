@@ -44,21 +44,21 @@ class Sandbox(contextlib.ExitStack):
         super().__init__()
         self._limits = limits
         self._module = module
-        self._request: dict[str, Any] | None = None
+        self._request: dict[str, Any] = {}
         self._start()
 
     def _start(self) -> None:
-        self._folder = self.enter_context(tempfile.TemporaryDirectory(prefix="porse-probe-"))
-        environment = {**ENVIRONMENT["portable"], **_LARGE_PAGES, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
-        environment |= {"LC_ALL": "C.UTF-8", "HOME": self._folder, "TMPDIR": self._folder}
-        environment["PYTHONPATH"] = str(Path(__file__).resolve().parents[3])
+        folder = self.enter_context(tempfile.TemporaryDirectory(prefix="porse-probe-"))
+        clean = {**ENVIRONMENT["portable"], **_LARGE_PAGES, "PYTHONHASHSEED": "0", "PYTHONDONTWRITEBYTECODE": "1"}
+        clean |= {"LC_ALL": "C.UTF-8", "HOME": folder, "TMPDIR": folder}
+        clean["PYTHONPATH"] = str(Path(__file__).resolve().parents[3])
         command = [sys.executable, "-P", "-s", "-m", self._module, json.dumps(asdict(self._limits))]
         ours, its = socket.socketpair()
         self._peer = self.enter_context(ours)
-        with its:
-            process = Popen(
-                command, stdin=its.fileno(), stdout=DEVNULL, stderr=DEVNULL, cwd=self._folder, env=environment, start_new_session=True
-            )
+        process = Popen(
+            command, stdin=its.fileno(), stdout=DEVNULL, stderr=DEVNULL, cwd=folder, env=clean, start_new_session=True
+        )
+        its.close()
         self._process = self.enter_context(process)
         self.callback(self._kill)
 
@@ -74,36 +74,30 @@ class Sandbox(contextlib.ExitStack):
             ProbeError: it could not.
         """
         self._request = request
-        answer = self._answer(request, self._limits.startup_s)
+        send(self._peer, request)
+        answer = receive(self._peer, self._limits.startup_s) or {}
         if "ready" not in answer:
             found = answer.get("error") or "the process that tries functions out ended, or did not start in time"
             raise ProbeError(str(found))
 
     def judge(self, reply: str, kind: Kind) -> tuple[Verdict, str]:
         """Returns the verdict on one reply and the source of the function in it, "" when it did not pass."""
-        answer = self._answer({"reply": reply, "kind": kind}, self._limits.wall_s + 10.0)
+        send(self._peer, {"reply": reply, "kind": kind})
+        answer = receive(self._peer, self._limits.wall_s + 10.0) or {}
         try:
             verdict = _verdict(answer)
             return verdict, str(answer["source"]) if verdict.passed else ""
         except (KeyError, TypeError, ValueError, OverflowError):
             self.close()
             self._start()
-            if self._request is not None:
-                self.prepare(self._request)
+            self.prepare(self._request)
             return Verdict(False, "crash", "the probe process ended while it ran this function", 0), ""
-
-    def _answer(self, message: Mapping[str, Any], wall_s: float) -> dict[str, Any]:
-        """Returns the child's answer to a message, {} when it has ended, or gives none in time."""
-        send(self._peer, message)
-        with contextlib.suppress(TimeoutError):
-            return receive(self._peer, wall_s)
-        return {}
 
 
 def _verdict(found: Mapping[str, Any]) -> Verdict:
     """Returns the verdict that an answer holds, each part as what it should be: it comes from who ran a function."""
     return Verdict(
-        passed=bool(found.get("passed")),
+        passed="program" in found,
         check=found["check"] if found["check"] in get_args(Check) else "crash",
         message=str(found["message"])[:4000],
         line=int(found.get("line", 0)),

@@ -1,19 +1,21 @@
 """A reply to plain lines, and lines to blocks by indentation and brackets: functions, and statements beside them."""
 
 import ast
+import contextlib
 import html
 import json
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from porse.functions.read.source import parse_source
+from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
 from porse.functions.verdict import CodeError
 
 _FENCE = re.compile(r"\s*(`{3,}|~{3,})")
 _DEF = re.compile(r"(\s*)(async\s+)?def\s+(\w+)\s*\(")
-_OPEN = re.compile("was never closed|unterminated triple-quoted")
-"""What Python says of a text that goes on."""
+_OPEN = {True: re.compile("was never closed|unterminated triple-quoted"), False: re.compile("was never closed")}
+"""What Python says of a function that goes on, and of a statement, beside which quotes may be those of prose."""
 _THINKING = r"(think|thinking|reasoning)>"
 
 _MAX_STATEMENT_LINES = 60
@@ -28,7 +30,7 @@ class Block:
         text: its lines, dedented, from `def` on.
         lines: the number of each line in the reply, counted from 1.
         region: which fenced or unfenced stretch of the reply it stands in.
-        tree: what it is, None where it is no Python.
+        tree: what it is, with the reply's lines; None where it is no Python.
         error: why it is none.
         decorators: number and text of the decorator lines above it.
     """
@@ -50,15 +52,12 @@ class Block:
 def unwrapped(reply: str) -> tuple[int, str]:
     """Returns the code that stands as a text in a reply's JSON, and the line of the reply that it begins on; "" for none."""
     start, end = reply.find("{"), reply.rfind("}")
-    if start < 0 or re.search(r"^\s*(async\s+)?def\s", reply, re.MULTILINE):
-        return 0, ""
-    try:
-        held = json.loads(reply[start : end + 1])
-    except (ValueError, RecursionError):
-        return 0, ""
-    held = held.values() if isinstance(held, dict) else ()
-    texts = [text for text in held if isinstance(text, str) and "def " in text]
-    return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
+    with contextlib.suppress(ValueError, RecursionError):
+        if start >= 0 and not re.search(r"^\s*(async\s+)?def\s", reply, re.MULTILINE):
+            held = json.loads(reply[start : end + 1]).values()
+            texts = [text for text in held if isinstance(text, str) and "def " in text]
+            return reply.count("\n", 0, start) + 1, max(texts, key=len, default="")
+    return 0, ""
 
 
 def plain_lines(reply: str) -> list[str]:
@@ -86,33 +85,38 @@ def _without_thinking(text: str) -> str:
 def blocks(lines: list[str]) -> Iterator[Block]:
     """Yields each function that is not inside another one, and each statement beside them, in order."""
     index = region = 0
+    decorators: tuple[tuple[int, str], ...] = ()
     while index < len(lines):
-        line = lines[index]
+        line = lines[index].strip()
         region += bool(_FENCE.match(line))
-        match = _DEF.match(line)
-        block = _function(lines, index, match, region) if match else _statement(lines, index, region)
+        block = _block(lines, index, region, decorators) if line and line[0] not in "#@" else None
+        decorators = (*decorators, (index + 1, line)) if line.startswith("@") else ()
         if block is not None:
             yield block
         index += len(block.lines) if block is not None else 1
 
 
-def _function(lines: list[str], start: int, match: re.Match[str], region: int) -> Block:
-    """Returns the function that begins on a line and ends where its indentation does, but not while something is open."""
-    indent = len(match[1])
+def _block(lines: list[str], start: int, region: int, decorators: tuple[tuple[int, str], ...]) -> Block | None:
+    """Returns the function, or the statement, that begins on a line, None for prose.
+
+    A function goes on where it is indented deeper, a statement ends with its line; but not while something is open.
+    """
+    match = _DEF.match(lines[start])
+    indent = len(match[1]) if match else 0
     end, tree, error = start, None, None
     for _ in range(_MAX_STATEMENT_LINES):
-        end = _end(lines, end + 1, indent)
-        text = tuple(line[min(indent, _depth(line)) :] for line in lines[start:end])
+        end = _end(lines, end + 1, indent) if match else end + 1
+        text = tuple(line[min(indent, _depth(line)) :] if match else line.strip() for line in lines[start:end])
         numbers = tuple(range(start + 1, end + 1))
         try:
-            body = parse_source("\n".join(text)).body
-            tree = body[0] if len(body) == 1 and isinstance(body[0], ast.FunctionDef) else None
+            body = _statements(text, numbers)
+            tree = body[0] if len(body) == 1 and (isinstance(body[0], ast.FunctionDef) or not match) else None
             error = None if tree else CodeError("syntax", "expected one plain function", numbers[0])
         except CodeError as found:
-            error = CodeError("syntax", str(found), numbers[min(max(found.line, 1), len(numbers)) - 1])
-        if error is None or not _OPEN.search(str(error)) or end == len(lines) or _FENCE.match(lines[end]):
+            error = found
+        if error is None or not _OPEN[bool(match)].search(str(error)) or end == len(lines) or _FENCE.match(lines[end]):
             break
-    return Block(match[3], text, numbers, region, tree, error, tuple(_decorators(lines, start)))
+    return Block(match[3] if match else "", text, numbers, region, tree, error, decorators) if match or tree else None
 
 
 def _end(lines: list[str], after: int, indent: int) -> int:
@@ -126,30 +130,39 @@ def _end(lines: list[str], after: int, indent: int) -> int:
     return end
 
 
-def _statement(lines: list[str], start: int, region: int) -> Block | None:
-    """Returns the statement that begins on a line and ends where its brackets do, None for prose."""
-    if not lines[start].strip() or lines[start].strip().startswith(("#", "@")):
-        return None
-    for end in range(start + 1, min(start + _MAX_STATEMENT_LINES, len(lines)) + 1):
-        text = tuple(line.strip() for line in lines[start:end])
-        try:
-            body = parse_source("\n".join(text)).body
-        except CodeError as error:
-            if "was never closed" in str(error):
-                continue
-            return None
-        return Block("", text, tuple(range(start + 1, end + 1)), region, body[0]) if len(body) == 1 else None
-    return None
-
-
 def _depth(line: str) -> int:
     return len(line) - len(line.lstrip())
 
 
-def _decorators(lines: list[str], index: int) -> list[tuple[int, str]]:
-    found: list[tuple[int, str]] = []
-    while index > 0 and (lines[index - 1].strip().startswith("@") or (found and not lines[index - 1].strip())):
-        index -= 1
-        if lines[index].strip():
-            found.insert(0, (index + 1, lines[index].strip()))
-    return found
+def _statements(text: Sequence[str], lines: Sequence[int]) -> list[ast.stmt]:
+    """Returns the statements of a text, at most so many and so deep; their nodes have the reply's lines, which are given.
+
+    Raises:
+        CodeError: it is no Python, or too large; check "syntax" with the line of the reply.
+    """
+    joined = "\n".join(text)
+    hidden = next((c for c in joined if c != "\n" and not c.isprintable()), "")
+    if hidden:
+        line = lines[joined[: joined.index(hidden)].count("\n")]
+        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(joined)
+    except SyntaxError as error:
+        line = lines[min(max(error.lineno or 1, 1), len(lines)) - 1]
+        raise CodeError("syntax", f"{error.msg}: {(error.text or '').strip()[:200]}", line) from None
+    except (ValueError, RecursionError, MemoryError):
+        raise CodeError("syntax", "it is too deeply nested, or holds a null character", lines[0]) from None
+    count = 0
+    rest: list[tuple[ast.AST, int]] = [(tree, 0)]
+    while rest:  # without recursion, which could go too deep itself
+        node, depth = rest.pop()
+        count += 1
+        if isinstance(node, ast.stmt | ast.expr | ast.arg | ast.keyword | ast.alias):
+            node.lineno, node.end_lineno = lines[node.lineno - 1], lines[(node.end_lineno or node.lineno) - 1]
+        if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
+            line = getattr(node, "lineno", lines[0])
+            raise CodeError("syntax", "the code is too large or too deeply nested", line)
+        rest += [(child, depth + 1) for child in ast.iter_child_nodes(node)]
+    return tree.body

@@ -1,11 +1,7 @@
 """The code that a reply holds of one function, parsed. Nothing of it is run here."""
 
 import ast
-import warnings
 from dataclasses import dataclass
-
-from porse.functions.contract import MAX_TREE_DEPTH, MAX_TREE_NODES
-from porse.functions.verdict import CodeError
 
 
 @dataclass(frozen=True)
@@ -43,35 +39,6 @@ class Source:
         """The line of the last return of the main function."""
         lines = (node.lineno for node in ast.walk(self.main) if isinstance(node, ast.Return))
         return max(lines, default=self.main.lineno)
-
-
-def parse_source(text: str) -> ast.Module:
-    """Returns the syntax tree of a text, at most so large and so deep.
-
-    Raises:
-        CodeError: it is no Python, or too large; check "syntax" with the line of the text.
-    """
-    hidden = next((c for c in text if c != "\n" and not c.isprintable()), "")
-    if hidden:
-        line = text[: text.index(hidden)].count("\n") + 1
-        raise CodeError("syntax", f"the code holds the invisible character U+{ord(hidden):04X}; write plain text", line)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = ast.parse(text)
-    except SyntaxError as error:
-        raise CodeError("syntax", f"{error.msg}: {(error.text or '').strip()[:200]}", error.lineno or 1) from None
-    except (ValueError, RecursionError, MemoryError):
-        raise CodeError("syntax", "it is too deeply nested, or holds a null character", 1) from None
-    count = 0
-    rest: list[tuple[ast.AST, int]] = [(tree, 0)]
-    while rest:  # without recursion, which could go too deep itself
-        node, depth = rest.pop()
-        count += 1
-        if count > MAX_TREE_NODES or depth > MAX_TREE_DEPTH:
-            raise CodeError("syntax", "the code is too large or too deeply nested", getattr(node, "lineno", 1))
-        rest += [(child, depth + 1) for child in ast.iter_child_nodes(node)]
-    return tree
 
 
 def arguments(function: ast.FunctionDef) -> dict[str, ast.expr | None]:

@@ -1,7 +1,7 @@
 """Real states of a task, as a message holds them, and of as many environments as are wanted."""
 
 from base64 import b64decode, b64encode
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import torch
@@ -17,16 +17,10 @@ def packed(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def unpacked(held: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns what `packed` was given, in its order."""
-    plain = {name: _plain(value) for name, value in held["plain"].items()}
+    """Returns what `packed` was given, in its order; JSON has texts and lists for devices and tuples."""
+    forms: dict[type, Callable[[Any], Any]] = {str: torch.device, list: tuple}
+    plain = {name: forms.get(type(value), lambda same: same)(value) for name, value in held["plain"].items()}
     return plain | load(b64decode(held["tensors"]))
-
-
-def _plain(value: Any) -> Any:
-    """Returns a plain value as it was before it was JSON, which has neither devices nor tuples."""
-    if isinstance(value, str):
-        return torch.device(value)
-    return tuple(value) if isinstance(value, list) else value
 
 
 def of_environments(values: Mapping[str, Any], count: int, read: Collection[str] | None = None) -> dict[str, Any]:

@@ -4,12 +4,11 @@ The function runs on real states of three numbers of environments, which share n
 the runs must be multiples of that number plus a constant; all else must be the same, so that the list holds for any number.
 """
 
-import dataclasses
 import math
 import re
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -88,12 +87,10 @@ class _Recorder(Watch):
         self.call = self._constants = _Call([], [], [])
         self._kept: list[Tensor] = []
         self._places: dict[int, int] = {}
-        self._inputs = {id(v): name for name, v in values.items() if isinstance(v, Tensor)}
-        self._fixed = {
-            _memory(v): f"the function may change its input {name} in place; work on {name}.clone()"
-            for name, v in values.items()
-            if isinstance(v, Tensor)
-        }
+        inputs = {name: value for name, value in values.items() if isinstance(value, Tensor)}
+        self._inputs = {id(value): name for name, value in inputs.items()}
+        changed = "the function may change its input {0} in place; work on {0}.clone()"
+        self._fixed = {_memory(value): changed.format(name) for name, value in inputs.items()}
 
     def begin_call(self) -> _Call:
         """Starts a call with what the constants beside the function asked for, which nothing may change."""
@@ -239,8 +236,7 @@ def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> No
         is_number = value.dim() == 0 and title.startswith("component")
         vector = value.expand(num_envs) if is_number else value
         if vector.shape != (num_envs,):
-            parts = ["num_envs" if n == num_envs else str(n) for n in value.shape]
-            shape = f"({', '.join(parts)}{',' if len(parts) == 1 else ''})"
+            shape = re.sub(rf"\b{num_envs}\b", "num_envs", str(tuple(value.shape)))
             found = f"expected the {title} of shape (num_envs,), found {shape} for num_envs = {num_envs}"
             raise CodeError("shape", f"{found}; reduce the other dimensions, and take sizes from the inputs")
         vectors.append(vector.to(torch.float32))
@@ -260,9 +256,8 @@ def _parts(kind: Kind, returned: Any) -> tuple[list[Any], list[Any], tuple[bool,
                 found = f"{len(values)} progress variables, {len(flags)} directions and {len(names)} names"
                 raise CodeError("return", f"expected three lists of one length, found {found}")
             if not all(isinstance(flag, bool) for flag in flags):
-                raise CodeError(
-                    "return", f"expected directions to be True or False, found {', '.join(map(_kind, flags))}"
-                )
+                found = ", ".join(map(_kind, flags))
+                raise CodeError("return", f"expected directions to be True or False, found {found}")
             return names, values, tuple(flags)
     raise CodeError("return", f"expected {_WANTED[kind]}, found {_kind(returned)}")
 
@@ -280,8 +275,8 @@ def _program(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Progr
     writing step hangs on is left out.
     """
     first = calls[0]
-    forms = [repr((dataclasses.replace(c, steps=[]), [(s.operator, s.keywords, s.makes) for s in c.steps])) for c in calls]
-    if len(set(forms)) > 1:
+    forms = {repr(replace(call, steps=[replace(step, arguments=()) for step in call.steps])) for call in calls}
+    if len(forms) > 1:
         raise CodeError("static", _GROWS)
 
     def one(found: Sequence[Any]) -> Any:
@@ -295,7 +290,7 @@ def _program(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Progr
     steps: dict[int, Step] = {}
     start = 2 * _KIND
     for found in zip(*(call.steps for call in calls), strict=True):
-        step = _moved(dataclasses.replace(found[0], arguments=one([step.arguments for step in found])), same)
+        step = _moved(replace(found[0], arguments=one([step.arguments for step in found])), same)
         is_copy = step.operator == "clone.default" and step.arguments[0].index < 2 * _KIND
         equal = step.arguments[0].index if is_copy else seen.setdefault(repr(step), start)
         if writes or equal == start:
@@ -331,7 +326,7 @@ def _moved(step: Step, to: Mapping[int, int]) -> Step:
     def changed(leaf: Any) -> Any:
         return Register(to.get(leaf.index, leaf.index)) if isinstance(leaf, Register) else leaf
 
-    return dataclasses.replace(step, arguments=mapped(step.arguments, changed))
+    return replace(step, arguments=mapped(step.arguments, changed))
 
 
 def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:

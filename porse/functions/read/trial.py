@@ -11,13 +11,11 @@ from porse.functions.read.states import of_environments
 from porse.functions.run.execute import Function
 from porse.functions.run.operators import base_of
 from porse.functions.run.program import Program, registers
-from porse.functions.run.shapes import makes_pairs
+from porse.functions.run.shapes import MANY, makes_pairs
 from porse.functions.verdict import CodeError, words
 
 _SCALES = (0.01, 0.1, 1.0, 10.0)
 """Sizes of the disturbances that an output must react to, times the spread of each variable, or times 1."""
-_MANY = 2048
-"""Environments of the second run: it shows what memory and time grow with."""
 _LARGEST = 1e8
 """Largest value of a result: PPO squares sums of a hundred rewards in float32, which ends at 3e38."""
 _SHAPES_ONLY = words("zeros_like ones_like full_like new_zeros new_ones new_full")
@@ -29,6 +27,7 @@ _STEPS = words("""
     hardtanh hardsigmoid
     """)
 """Operators whose results may stay the same over most states, and still tell some from others."""
+
 
 def try_program(program: Program, values: Mapping[str, Any]) -> str:
     """Returns the warning of a verdict on an operator list that passed, "" for none.
@@ -48,7 +47,7 @@ def try_program(program: Program, values: Mapping[str, Any]) -> str:
         outputs = _outputs(function, states)
         _check_values(program, states, outputs)
         _check_reacts(function, states, outputs)
-        _outputs(function, of_environments(states, _MANY))
+        _outputs(function, of_environments(states, MANY))  # memory and time grow with them
         return _check_rows(function, states, outputs)
 
 
@@ -103,13 +102,12 @@ def _check_reacts(function: Function, values: Mapping[str, Any], outputs: Mappin
 
 def _may_step(program: Program, result: int) -> bool:
     """Whether a result hangs on numbers of a variable through an operator that compares, clamps or chooses."""
-    made, held = program.first_made, dict.fromkeys(range(len(program.variables)), False)
-    for step in program.steps:
+    held = dict.fromkeys(range(len(program.variables)), False)
+    for step, made in zip(program.steps, program.starts, strict=False):
         base = base_of(step.operator)
         sources = [held[index] for index in registers(step.arguments) if index in held]
         if sources and base not in _SHAPES_ONLY:
             held |= dict.fromkeys(range(made, made + step.makes), any(sources) or base in _STEPS)
-        made += step.makes
     return held.get(result, False)
 
 

@@ -93,9 +93,10 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
     if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
         program = with_norms(program)
         few = shapes_of(program, dict(zip(program.variables, few.values, strict=False)), FEW[0])
-    last = {index: number for number, step in enumerate(program.steps) for index in registers(step.arguments)}
-    last |= dict.fromkeys(program.results, len(program.steps))
-    slots = [*few.values[: program.first_made], *[None] * (len(few.values) - program.first_made)]
+    begin, *_, end = starts = program.starts
+    last = {i: made for step, made in zip(program.steps, starts, strict=False) for i in registers(step.arguments)}
+    last |= dict.fromkeys([*range(begin), *program.results], end)
+    slots: list[Any] = [*few.values]
     runs: list[Run] = []
 
     def place(value: Any) -> int:
@@ -108,16 +109,16 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
             runs.append((lambda *parts: parts, _taking([place(part) for part in value]), slot))
         return slot
 
-    for number, (step, made) in enumerate(zip(program.steps, program.starts, strict=True)):
+    for step, made in zip(program.steps, starts, strict=False):
         op, example, keywords = called(step, FEW[0], few.values[0].device if few.values else None)
         if not op.writes and last.keys().isdisjoint(range(made, made + step.makes)):
             continue  # nobody reads it
         arguments = [*step.arguments]
-        call = portable(op.name, step.arguments) if portably else None
+        call = portable(op, step.arguments) if portably else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):
                 op, arguments[1] = operator(f"{op.base}.Tensor"), torch.tensor(float(arguments[1]))
-            if op.base in _IN_PLACE and not op.writes and _is_free(program, few, arguments[0], made, number, last):
+            if op.base in _IN_PLACE and not op.writes and _is_free(few, arguments[0], made, last):
                 op = operator(op.name.replace(".", "_.", 1))
             call = _quickest(op, filled(example, few.values), keywords)
         if keywords:
@@ -135,9 +136,9 @@ def _is_held(shapes: Shapes, first: Any, second: Any) -> bool:
     return type(second) in (int, float) and tensor.dtype is torch.float32 and tensor.dim() > 0
 
 
-def _is_free(program: Program, shapes: Shapes, first: Any, made: int, number: int, last: Mapping[int, int]) -> bool:
+def _is_free(shapes: Shapes, first: Any, made: int, last: Mapping[int, int]) -> bool:
     """Whether a step may write over its first argument: nobody reads it later, or anything that shares its memory."""
-    if not isinstance(first, Register) or first.index < program.first_made or last[first.index] != number:
+    if not isinstance(first, Register) or last[first.index] != made:
         return False
     own, other = shapes.values[first.index], shapes.values[made]
     is_alone = sum(first.index in shared for shared in shapes.shared) == len(shapes.shared[first.index]) == 1

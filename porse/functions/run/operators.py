@@ -34,7 +34,7 @@ _BY_DATA = words("""
     """)
 """Operators whose results' shapes, or Python's own course, follow from the numbers in a tensor."""
 
-_ARGUMENTS = words("Tensor number int float bool str ScalarType Layout Device MemoryFormat SymInt")
+_ARGUMENTS = words("Optional List Tensor number int float bool str ScalarType Layout Device MemoryFormat SymInt")
 _SHARING = words("atleast_1d atleast_2d broadcast_tensors einsum type_as contiguous reshape reshape_as to flatten")
 """Operators whose results may share memory with an argument where their schemas do not say so, or not always."""
 
@@ -121,11 +121,6 @@ def operator(name: str) -> Operator:
 def _is_plain(schema: Any) -> bool:
     """Whether an operator takes plain arguments, writes over the first at most, and returns tensors alone."""
     returns = [str(r.type) for r in schema.returns]
-    if returns != ["List[Tensor]"] and set(returns) != {"Tensor"}:
-        return False
-    for place, argument in enumerate(schema.arguments):
-        kinds = set(re.findall(r"\w+", str(argument.type))) - {"Optional", "List"}
-        is_first = place == 0 and not argument.kwarg_only
-        if argument.is_out or not kinds <= _ARGUMENTS or (argument.is_write and not is_first):
-            return False
-    return True
+    kinds = {kind for argument in schema.arguments for kind in re.findall(r"\w+", str(argument.type))}
+    writes_elsewhere = any(a.is_write and (place > 0 or a.kwarg_only) for place, a in enumerate(schema.arguments))
+    return (returns == ["List[Tensor]"] or set(returns) == {"Tensor"}) and kinds <= _ARGUMENTS and not writes_elsewhere

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from porse.functions.run import sleef
-from porse.functions.run.operators import base_of, operator
+from porse.functions.run.operators import Operator, operator
 from porse.functions.run.program import Program, Register, Step, registers
 from porse.functions.verdict import words
 
@@ -34,7 +34,7 @@ def with_norms(program: Program) -> Program:
     """
     uses = Counter([*registers([step.arguments for step in program.steps]), *program.results])
     steps = list(program.steps)
-    for place, made in enumerate(program.starts[2:]):
+    for place, made in enumerate(program.starts[2:-1]):
         square, added, root = program.steps[place : place + 3]
         squares, total = Register(made - 2), Register(made - 1)
         is_chain = added.arguments[:1] == (squares,) and root.arguments[:1] == (total,)
@@ -52,17 +52,16 @@ def _is_norm(square: Step, added: Step, root: Step) -> bool:
     return is_square and is_sum and (root.operator == "sqrt.default" or (root.operator, *root.arguments[1:]) == _ROOT)
 
 
-def portable(name: str, arguments: tuple[Any, ...]) -> Callable[..., Any] | None:
-    """Returns what computes an operator, by its name with overload, the same way on every CPU; None where it does itself."""
-    base, writes = base_of(name), name.startswith(f"{base_of(name)}_.")
-    form = _FORMS.get(base)
-    if base == "pow":
-        form = _power(arguments[1]) if name in ("pow.Tensor_Scalar", "pow_.Scalar") else None
-    elif base in _BY_SLEEF and sleef.is_needed():
-        form = sleef.function(_BY_SLEEF[base])
-    elif base in _DENSE_BY_SLEEF:
-        form = _on_dense(name.replace("_.", ".", 1) if writes else name)
-    return form if form is None or not writes else lambda x, *more, **named: x.copy_(form(x, *more, **named))
+def portable(op: Operator, arguments: tuple[Any, ...]) -> Callable[..., Any] | None:
+    """Returns what computes an operator the same way on every CPU, None where it does itself."""
+    form = _FORMS.get(op.base)
+    if op.base == "pow":
+        form = _power(arguments[1]) if op.name in ("pow.Tensor_Scalar", "pow_.Scalar") else None
+    elif op.base in _BY_SLEEF and sleef.is_needed():
+        form = sleef.function(_BY_SLEEF[op.base])
+    elif op.base in _DENSE_BY_SLEEF:
+        form = _on_dense(op.name.replace("_.", ".", 1) if op.writes else op.name)
+    return form if form is None or not op.writes else lambda x, *more, **named: x.copy_(form(x, *more, **named))
 
 
 def _sqrt(x: Tensor) -> Tensor:

@@ -107,15 +107,10 @@ class Program:
     rises: tuple[bool, ...]
 
     @property
-    def first_made(self) -> int:
-        """The register that the first step fills."""
-        return len(self.variables) + len(self.constants)
-
-    @property
     def starts(self) -> list[int]:
-        """The register that each step fills, or the first of those that it does."""
-        ends = accumulate((step.makes for step in self.steps), initial=self.first_made)
-        return [*ends][: len(self.steps)]
+        """The register that each step fills, or the first of those that it does; at last the number of all."""
+        given = len(self.variables) + len(self.constants)
+        return [*accumulate((step.makes for step in self.steps), initial=given)]
 
     @property
     def text(self) -> str:
@@ -213,11 +208,10 @@ def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any
     _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
     _expect(depth <= MAX_DEPTH, "constants of little depth", depth)
     _expect(len(set(program.variables)) == len(program.variables), "each variable once", program.variables)
-    made = program.first_made
-    for step in program.steps:
+    *starts, end = program.starts
+    for step, made in zip(program.steps, starts, strict=True):
         _expect(all(i < made for i in registers(step.arguments)), "steps that read what is there", step.operator)
-        made += step.makes
-    _expect(all(index < made for index in results), "results that are there", results)
+    _expect(all(index < end for index in results), "results that are there", results)
     most, counts = (MAX_COMPONENTS, (1, 0)) if kind == "reward" else (MAX_NAMES, (0, len(names)))
     is_paired = (len(results) - len(names), len(rises)) == counts
     are_distinct = 0 < len(names) <= most and len(set(names)) == len(names)

@@ -151,10 +151,8 @@ def check_call(op: Operator, arguments: Sequence[Any]) -> None:
     is_float = [isinstance(v, float) or (isinstance(v, Tensor) and v.is_floating_point()) for v in arguments]
     may_trap = op.base in _DIVISIONS and (op.base not in ("div", "divide") or op.name.endswith("_mode"))
     if may_trap and not any(is_float) and (isinstance(arguments[1], Tensor) or arguments[1] in (0, -1)):
-        reason = (
-            "divides whole numbers by what may be 0 or -1, which ends the process; make them floats first, x.float()"
-        )
-        raise CodeError("static", f"{op.base} {reason}")
+        reason = "divides whole numbers by what may be 0 or -1, which ends the process"
+        raise CodeError("static", f"{op.base} {reason}; make them floats first, x.float()")
     if op.base in ("index", "index_put"):
         masks = [v for v in arguments[1] if isinstance(v, Tensor) and v.dtype in (torch.bool, torch.uint8)]
         if masks and not (op.base == "index_put" and arguments[2].numel() == 1):
