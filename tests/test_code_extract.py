@@ -42,9 +42,26 @@ def test_text_in_triple_quotes_does_not_end_or_begin_a_function():
     assert extract(source, "reward").text == source
 
 
+def test_quotes_beside_functions_hide_none():
+    assert extract(f'An open """ in prose, or\n"""\n{PLAIN}"""\n', "reward").text == PLAIN
+
+
 def test_comments_at_the_margin_do_not_end_the_function():
     source = "def compute_reward(a):\n    x = a\n# why\n    return x, {}\n"
     assert extract(source, "reward").text == source
+
+
+def test_the_tree_has_the_lines_of_the_reply():
+    reply = "class R:\n    def __init__(self, k=3.0):\n        self.x = [\n            k,\n        ]\n\nU = {\n    1: 2,\n}\n\n"
+    found = extract(f"{reply}def compute_reward(self, a):\n    return a * self.x[0] * U[1], {{}}\n", "reward")
+    assert [node.lineno for node in found.tree.body] == [2, 3, 7, 11]
+    assert found.text.startswith("k = 3.0\nx = [k]\nU = {\n1: 2,\n}\n\ndef compute_reward")
+    assert found.last_line == 12
+
+
+def test_code_that_json_holds_is_on_the_line_of_its_object():
+    found = extract('Here:\n\n{"code": "T = 2.0\\ndef compute_reward(a):\\n    return a * T, {}\\n"}', "reward")
+    assert (found.lines, found.last_line, [node.lineno for node in found.tree.body]) == ((3, 3, 3, 3), 3, [3, 3])
 
 
 def test_helpers_and_constants_come_along_when_they_are_read():

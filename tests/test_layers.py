@@ -201,4 +201,5 @@ def test_training_reads_no_text_of_a_model(root):
 
 def test_the_room_of_generated_code_stays_small(root):
     lines = sum(len(path.read_text().splitlines()) for path in (root / "porse" / "functions").rglob("*.py"))
-    assert lines <= 3000, "find the idea that makes a part needless: docs/decisions.md says what was tried"
+    # 3 000 were set when 84 lines of what is porse/helpers.py today, the originals' helpers, stood in the room.
+    assert lines <= 3000 - 84, "find the idea that makes a part needless: docs/decisions.md says what was tried"

@@ -16,7 +16,7 @@ def send(peer: socket, message: Mapping[str, Any]) -> None:
 
 
 def receive(peer: socket, wall_s: float) -> dict[str, Any] | None:
-    """Returns the next message of a peer that is not trusted, {} when it ends or sends something else, None if it is late."""
+    """Returns the next message of an untrusted peer, {} where it ends or sends something else, None where it is late."""
     peer.settimeout(wall_s)
     try:
         with peer.makefile("rb") as messages:
