@@ -20,6 +20,7 @@ from porse.outdated import another_run
 from porse.paths import at_root
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
+from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
 from porse.repro import HOW_ON, check_start, reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
@@ -238,37 +239,24 @@ def show_methods(as_json: bool) -> None:
 
 
 @main.command("results")
+@click.argument("run", default=".", type=EXISTING)
 @click.option(
-    "--metrics", "path", default="metrics.json", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+    "--json", "as_json", is_flag=True, help="Print all figures and the rows of the iterations, as a JSON object."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the metrics as they are, as a JSON object.")
-def show_results(path: Path, as_json: bool) -> None:
-    """Print score and MTS by iteration, and final success, from a run's metrics, as Markdown.
+def show_results(run: Path, as_json: bool) -> None:
+    """Print score and MTS by iteration, and final success, of the finished run in the folder RUN, as Markdown.
 
-    Where params.yaml beside them is no longer that of the run, a line on standard error says so.
+    Where params.yaml is no longer that of the run, a line on standard error says so.
     """
-    try:
-        metrics = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise PorseError(
-            f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first"
-        ) from None
-    except ValueError as error:
-        raise PorseError(
-            f"expected the metrics of a run at {path}, found no JSON ({error}); `git checkout {path}` or `dvc repro` restores it"
-        ) from None
-    if (path.parent / "params.yaml").is_file() and (warning := another_run(path.parent)):
+    if (run / "params.yaml").is_file() and (warning := another_run(run)):
         click.echo(f"warning: {warning}", err=True)
-    if as_json:
-        click.echo(json.dumps(metrics, indent=2))
+    found = read_results(run)
+    if not as_json:
+        click.echo(results_table(found.iterations, found.figures))
         return
-    try:
-        table = results_table(metrics)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise PorseError(
-            f"expected the metrics that this version writes at {path}, found others ({error!r}); run `dvc repro` for new ones"
-        ) from None
-    click.echo(table)
+    params = found.params
+    named = {"task": params.task, "method": params.method, "ablation": params.ablation, "seed": params.seed}
+    click.echo(json.dumps({**named, **found.figures, "iterations": found.iterations}, indent=2))
 
 
 @main.command("trends")
