@@ -22,8 +22,9 @@ from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
 from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
-from porse.repro import HOW_ON, check_start, reproduce
+from porse.repro import check_start, reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
+from porse.stage import HOW_ON
 from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
@@ -32,6 +33,7 @@ _LAZY = {
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",
+    "experiments": "porse.experiments:experiments",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",

@@ -18,6 +18,7 @@ from porse.pipeline import write_pipeline
 from porse.plan import write_plan
 from porse.processes import die_with_parent
 from porse.repair import repair
+from porse.stage import HOW_ON
 from porse.training.bar import check_progress
 from porse.training.executor import executor_from_environment
 from porse.training.memory import check_memory
@@ -89,9 +90,6 @@ def check_start(params: Params) -> None:
     check_progress()
     executor_from_environment()
     check_memory(params)
-
-
-HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
 
 
 def has_source_control(root: Path) -> bool:

@@ -15,6 +15,9 @@ from porse.errors import PorseError
 from porse.inputs.resolve import check_unchanged, read_inputs
 
 LOGS = Path("logs")
+HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
+"""What to do after Ctrl-C, in a stage and around it."""
+
 _INPUTS, _READ = "porse.inputs", "porse.inputs.read"
 
 
@@ -28,9 +31,7 @@ class PlainCommand(click.Command):
         except PorseError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            raise click.ClickException(
-                "stopped by Ctrl-C: run `porse repro` again, and it goes on with the stage that was at work"
-            ) from None
+            raise click.ClickException(f"stopped by Ctrl-C: {HOW_ON}") from None
 
 
 class StageCommand(PlainCommand):
