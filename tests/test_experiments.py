@@ -111,7 +111,9 @@ def test_experiments_fit_a_terminal_and_say_whose_they_are(tmp_path):
         run(project, "git", "add", "-A")
         run(project, "git", *NAMES, "commit", "-qm", task)
     shown = run(project, str(BIN / "porse"), "experiments", "--no-pager", "-A", COLUMNS="120").stdout
-    head, _, last, first = (line.split() for line in shown.splitlines() if any(word in line for word in ("Task", "0.1", "0.2")))
+    head, _, last, first = (
+        line.split() for line in shown.splitlines() if any(word in line for word in ("Task", "0.1", "0.2"))
+    )
     assert head == ["Experiment", "Task", "Method", "Seed", "score", "mts", "hns_lineage", "success", "train.gamma"]
     assert max(map(len, shown.splitlines())) <= 120
     assert "…" not in shown

@@ -173,6 +173,7 @@ def test_a_suite_is_compared_by_its_file_and_what_is_not_done_is_said(finished, 
     try:
         result = folders.result(done.entry.name)
         copied(finished, result, -0.25, method="porse", seed=3)
+        shutil.copy(finished / "metrics.json", result)
         write_json(result / "done.json", done.ids)
         sources = read_sources([file])
     finally:
