@@ -212,8 +212,16 @@ def pipeline(check: bool) -> None:
 @click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
 @click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
 def repro(arguments: tuple[str, ...], progress: str | None) -> None:
-    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
+    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS.
+
+    Without any, each stage prints a line, or on a terminal its bars, and the last one is as `porse status` has it. With ARGUMENTS,
+    DVC prints what it does, too.
+    """
     code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
+    if code == 0 and not progress and not arguments:
+        from porse.status import status_of, status_text
+
+        click.echo(status_text(status_of(Path())))
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)
 

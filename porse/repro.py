@@ -32,7 +32,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
 
     Args:
         root: the project's root.
-        arguments: what `dvc repro` gets.
+        arguments: what `dvc repro` gets; without any, DVC says what goes wrong alone, and each stage its line.
         say: told one line for everything that was mended or written.
         progress: how stages show theirs (`porse.training.bar`); empty: as PORSE_PROGRESS says.
 
@@ -52,8 +52,9 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     check_start(params)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
-    # What DVC says between the stages is no progress, and no JSON.
-    command = [sys.executable, "-m", "dvc", "repro", *(["--quiet"] if progress else []), *arguments]
+    # What DVC says between the stages is no progress, and no JSON. Who gives it arguments wants to read what it says of them.
+    quiet = ["--quiet"] if progress or not arguments else []
+    command = [sys.executable, "-m", "dvc", "repro", *quiet, *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())
     with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
         plan = Path(scratch) / "plan.json"

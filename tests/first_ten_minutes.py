@@ -61,7 +61,10 @@ STEPS = (
     ),
     Step("The same answer in the terminal. `--json` has every figure.", "porse results demo"),
     Step("Which tasks are there? 25 of them; these have a door.", "porse tasks --tag door"),
-    Step("Every parameter has a value, and comes from somewhere. A stage reads some of them.", "porse params --stage eliminate"),
+    Step(
+        "Every parameter has a value, and comes from somewhere. A stage reads some of them.",
+        "porse params --stage eliminate",
+    ),
     Step(
         "The demo is no pipeline. To see one in a minute, give the real one the demo's parameters, and run it: each stage is "
         "cached by DVC, and can be killed at any instant.",
@@ -70,17 +73,29 @@ STEPS = (
         "left over all",
     ),
     Step("Where is it?", "porse status"),
-    Step("It is finished; keep it.", "git add -A && git -c user.name=me -c user.email=me@here commit -qm 'a run' && dvc metrics show"),
+    Step(
+        "It is finished; keep it.",
+        "git add -A && git -c user.name=me -c user.email=me@here commit -qm 'a run' && dvc metrics show",
+    ),
     Step(
         "Change one value: the winner shall play 64 episodes where it played 32. Only what reads the value runs again.",
         "sed -i 's/episodes: 32/episodes: 64/' params.yaml && porse status && porse repro --quiet",
     ),
     Step("What did it change? The parameter, and one figure.", "dvc params diff && dvc metrics diff"),
-    Step("Take it back: nothing has to run, everything is in the cache.", "git checkout -q . && porse repro --quiet && porse status"),
+    Step(
+        "Take it back: nothing has to run, everything is in the cache.",
+        "git checkout -q . && porse repro --quiet && porse status",
+    ),
 )
 
 SHOTS = {
-    "report": (1280, 900, False, "document.body", "The top of the report: the answer, its interval, the winner's film."),
+    "report": (
+        1280,
+        900,
+        False,
+        "document.body",
+        "The top of the report: the answer, its interval, the winner's film.",
+    ),
     "tree": (1280, 700, False, "document.querySelector('#population, #tree, svg.tree')", "The population as a tree."),
     "phone": (390, 844, True, "document.body", "The same page on a phone."),
 }
@@ -95,7 +110,13 @@ def typed(command: str, folder: Path, environment: dict[str, str]) -> Iterator[b
     main_end, own_end = pty.openpty()
     fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
     process = subprocess.Popen(
-        ["bash", "-c", command], cwd=folder, env=environment, stdin=own_end, stdout=own_end, stderr=own_end, start_new_session=True
+        ["bash", "-c", command],
+        cwd=folder,
+        env=environment,
+        stdin=own_end,
+        stdout=own_end,
+        stderr=own_end,
+        start_new_session=True,
     )
     os.close(own_end)
     while True:
@@ -191,9 +212,22 @@ def page(said: Path) -> str:
         "work, so that the speeds on this page say nothing.",
     ]
     for number, step in enumerate(STEPS, 1):
-        parts += ["", step.words, "", "```console", f"$ {step.command}", *shortened(lines_of(pieces_of(said, number))), "```"]
+        parts += [
+            "",
+            step.words,
+            "",
+            "```console",
+            f"$ {step.command}",
+            *shortened(lines_of(pieces_of(said, number))),
+            "```",
+        ]
         if step.still:
-            parts += ["", f"In the middle of it:", "", f"![The terminal while it runs](first-ten-minutes/{step.still}.svg)"]
+            parts += [
+                "",
+                "In the middle of it:",
+                "",
+                f"![The terminal while it runs](first-ten-minutes/{step.still}.svg)",
+            ]
         if number == 1:
             parts += ["", "The report, `demo/report.html`, is one file, and asks for nothing:"]
             for name, (*_, words) in SHOTS.items():

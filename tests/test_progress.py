@@ -18,6 +18,7 @@ from porse import status as status_module
 from porse.cli import main
 from porse.plan import planned, write_plan
 from porse.search.schedule import total_epochs
+from porse.stage import say
 from porse.training.bar import RungBar, in_words
 from porse.training.job import Ended, Outcome, Report
 
@@ -62,6 +63,27 @@ def test_the_json_mode_says_stage_and_time_left(capsys, monkeypatch, params, tmp
     assert (rows[0]["stage"], rows[0]["stages"]) == (2 + 18 + 3, 2 + 5 * 18 + 2)
     assert rows[0]["seconds_left"] is None
     assert rows[-1]["seconds_left"] > 0
+
+
+@pytest.mark.parametrize(
+    ("mode", "line"),
+    [
+        ("", "[20/94] 6 of 6 survive\n"),
+        ("auto", "[20/94] 6 of 6 survive\n"),
+        ("quiet", ""),
+        ("json", '{"event": "stage", "stage": 20, "stages": 94, "said": "6 of 6 survive"}\n'),
+    ],
+)
+def test_a_stage_says_a_line_with_its_number_as_the_mode_wants_it(mode, line, capsys, monkeypatch, params, tmp_path):
+    monkeypatch.setenv("PORSE_PROGRESS", mode)
+    monkeypatch.setenv("DVC_STAGE", "iterations/1/dvc.yaml:fuse")
+    say("6 of 6 survive")
+    assert ("[" in capsys.readouterr().out) is False
+    # resolve, begin, and the 18 of iteration 1, of which fuse is the last.
+    write_plan(tmp_path / "plan.json", params)
+    monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
+    say("6 of 6 survive")
+    assert capsys.readouterr().out == line
 
 
 RUNG_ON_A_TERMINAL = """

@@ -5,7 +5,7 @@ All of it looks on. Nothing here reaches a result, so that the variables below a
 | variable | meaning | default |
 | --- | --- | --- |
 | `PORSE_PROGRESS` | `auto`: bars where there is a terminal, else one line a rung; `quiet`: failures alone; `json`: a JSON object a line | `auto` |
-| `PORSE_PLAN` | the file in which `porse repro` says what comes after this rung | none |
+| `PORSE_PLAN` | the file in which `porse repro` says what the stages are, and what comes after each rung | none |
 | `PORSE_TENSORBOARD` | the folder that event files go to, one folder in it for each training | none |
 """
 
@@ -21,9 +21,10 @@ from typing import Any
 import click
 
 from porse.errors import ParamsError
+from porse.stage import PLAN_VARIABLE, PROGRESS_VARIABLE
 from porse.training.job import Ended, Report
 
-PROGRESS_VARIABLE, PLAN_VARIABLE, TENSORBOARD_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN", "PORSE_TENSORBOARD"
+TENSORBOARD_VARIABLE = "PORSE_TENSORBOARD"
 
 _MODES = ("auto", "quiet", "json")
 
