@@ -68,7 +68,7 @@ STEPS = (
     Step(
         "The demo is no pipeline. To see one in a minute, give the real one the demo's parameters, and run it: each stage is "
         "cached by DVC, and can be killed at any instant.",
-        "cp demo/params.yaml params.yaml && porse pipeline && porse repro --quiet",
+        "cp demo/params.yaml params.yaml && porse pipeline && porse repro",
         "repro",
         "left over all",
     ),
@@ -79,12 +79,12 @@ STEPS = (
     ),
     Step(
         "Change one value: the winner shall play 64 episodes where it played 32. Only what reads the value runs again.",
-        "sed -i 's/episodes: 32/episodes: 64/' params.yaml && porse status && porse repro --quiet",
+        "sed -i 's/episodes: 32/episodes: 64/' params.yaml && porse status && porse repro",
     ),
     Step("What did it change? The parameter, and one figure.", "dvc params diff && dvc metrics diff"),
     Step(
         "Take it back: nothing has to run, everything is in the cache.",
-        "git checkout -q . && porse repro --quiet && porse status",
+        "git checkout -q . && porse repro",
     ),
 )
 
