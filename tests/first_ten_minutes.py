@@ -8,9 +8,11 @@ Python. What the terminals said is kept in FOLDER/said, so that a second call wi
 
 import fcntl
 import io
+import itertools
 import json
 import os
 import pty
+import re
 import struct
 import subprocess
 import sys
@@ -18,6 +20,7 @@ import termios
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 from rich.console import Console
@@ -29,7 +32,7 @@ from tiny import QUIET, ROOT
 
 COLUMNS, ROWS = 100, 32
 PAGE, PICTURES = ROOT / "docs" / "first-ten-minutes.md", ROOT / "docs" / "first-ten-minutes"
-MOST_LINES = 28
+MOST_LINES = 46
 """Of a command's output, so many lines are on the page: the first and the last ones."""
 
 
@@ -170,27 +173,40 @@ def still_of(pieces: Sequence[bytes], until: str, target: Path, title: str) -> N
     screen = pyte.Screen(COLUMNS, ROWS)
     stream = pyte.ByteStream(screen)
     best: list[Text] = []
+    fullest = 0
     for piece in pieces:
         stream.feed(piece)
-        shown = [line for line in screen.display if line.strip()]
-        if any(until in line for line in shown) and len(shown) >= len([line for line in best if line.plain.strip()]):
-            best = [_styled(screen, row) for row in range(ROWS)]
-    while best and not best[-1].plain.strip():
+        # A bar is written anew whenever it moves.
+        shown = sum(bool(line.strip()) for line in screen.display) if until.encode() in piece else 0
+        if shown > fullest or shown == ROWS:
+            best, fullest = [_styled(screen, row) for row in range(ROWS)], shown
+    while best and not best[-1].plain:
         best.pop()
     console = Console(record=True, width=COLUMNS, file=io.StringIO(), force_terminal=True)
     for line in best:
         console.print(line)
-    target.write_text(console.export_svg(title=title), encoding="utf-8")
+    # Without the fonts that rich would have a browser fetch.
+    drawn = re.sub(r"@font-face \{.*?\}", "", console.export_svg(title=title), flags=re.DOTALL)
+    target.write_text(drawn, encoding="utf-8")
 
 
-def _styled(screen: "object", row: int) -> Text:
+def _styled(screen: Any, row: int) -> Text:
+    """Returns a row of a screen; neighbours of one look are one piece of it."""
     text = Text()
-    for column in range(COLUMNS):
-        cell = screen.buffer[row][column]  # type: ignore[attr-defined]
-        colour = None if cell.fg == "default" else f"#{cell.fg}" if len(cell.fg) == 6 and cell.fg.isalnum() else cell.fg
-        text.append(cell.data, Style(color={"brown": "yellow"}.get(str(colour), colour), bold=cell.bold))
-    text.rstrip()
+    cells = [screen.buffer[row][column] for column in range(COLUMNS)]
+    while cells and cells[-1].data == " ":
+        cells.pop()
+    for (colour, bold), same in itertools.groupby(cells, lambda cell: (cell.fg, cell.bold)):
+        if colour in _COLOURS:
+            style = Style(color=_COLOURS[colour], bold=bold)
+        else:
+            style = Style(color=f"#{colour}" if re.fullmatch("[0-9a-f]{6}", colour) else colour, bold=bold)
+        text.append("".join(cell.data for cell in same), style)
     return text
+
+
+_COLOURS = {"default": None, "brown": "yellow"}
+"""What pyte calls otherwise."""
 
 
 def shortened(lines: Sequence[str]) -> list[str]:

@@ -35,9 +35,9 @@ def test_the_page_names_no_machine():
 
 def test_a_long_output_is_cut_in_the_middle_and_what_scrolled_off_is_kept():
     pytest.importorskip("pyte", reason="the recorder needs it: pip install pyte")
-    # 40 lines in a terminal of 32; the last but one is written over, as a bar does.
-    written = b"".join(f"line {n}\r\n".encode() for n in range(39)) + b"bar 1\rbar 2\r\nend"
+    # 60 lines in a terminal of 32; the last but one is written over, as a bar does.
+    written = b"".join(f"line {n}\r\n".encode() for n in range(58)) + b"bar 1\rbar 2\r\nend"
     lines = lines_of([written[:50], written[50:]])
-    assert lines == [*(f"line {n}" for n in range(39)), "bar 2", "end"]
-    assert shortened(lines) == [*lines[:14], "...", *lines[-14:]]
-    assert shortened(lines[:28]) == lines[:28]
+    assert lines == [*(f"line {n}" for n in range(58)), "bar 2", "end"]
+    assert shortened(lines) == [*lines[:23], "...", *lines[-23:]]
+    assert shortened(lines[:46]) == lines[:46]
