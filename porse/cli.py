@@ -3,6 +3,7 @@
 import errno
 import importlib
 import json
+import shutil
 import signal
 import sys
 from dataclasses import asdict
@@ -258,7 +259,8 @@ def show_results(run: Path, as_json: bool) -> None:
 
     Where params.yaml is no longer that of the run, a line on standard error says so.
     """
-    if (run / "params.yaml").is_file() and (warning := another_run(run)):
+    # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
+    if (run / "dvc.lock").is_file() and (warning := another_run(run)):
         click.echo(f"warning: {warning}", err=True)
     found = read_results(run)
     if not as_json:
@@ -305,10 +307,16 @@ def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
         return
     for row in rows:
         tagged = ", ".join(TASK_TAGS[str(row["task"])])
-        click.echo(
+        line = (
             f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
-            f"{tagged:20} {row['description']}"
         )
+        line += f"{tagged:20} "
+        # In a terminal a description goes on below itself; elsewhere a task is a line.
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+        text = (
+            click.wrap_text(str(row["description"]), max(width - len(line), 20)) if width else str(row["description"])
+        )
+        click.echo(line + text.replace("\n", "\n" + " " * len(line)))
     if not tags:
         click.echo()
         for tag, meaning in TAGS.items():

@@ -96,9 +96,9 @@ def write_manifest() -> None:
 
 
 def say(text: str) -> None:
-    """Prints what the stage did, at once, whatever stdout is: a line, or as PORSE_PROGRESS says a JSON object or nothing.
+    """Prints what the stage did, at once, whatever stdout is: as lines, or as PORSE_PROGRESS says a JSON object or nothing.
 
-    Under `porse repro`, which stage of how many it is stands before it.
+    Under `porse repro`, which stage of how many it is stands before each line.
     """
     mode, (number, stages) = os.environ.get(PROGRESS_VARIABLE, ""), _place()
     if mode == "quiet":
@@ -106,7 +106,8 @@ def say(text: str) -> None:
     if mode == "json":
         click.echo(json.dumps({"event": "stage", "stage": number, "stages": stages, "said": text}))
     else:
-        click.echo(f"[{number}/{stages}] {text}" if stages else text)
+        for line in text.splitlines():
+            click.echo(f"[{number}/{stages}] {line}" if stages else line)
     sys.stdout.flush()
 
 

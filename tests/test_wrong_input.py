@@ -128,8 +128,15 @@ def test_results_of_another_task_say_so(root, tmp_path):
     assert 'results of task: "Quadcopter", seed: 1; run `porse repro`' in said
     assert "warning: these results are another run's" in porse("results", str(tmp_path)).stderr
     # Without the inputs of the run, nothing is known.
+    content = cached.read_bytes()
     cached.unlink()
     assert another_run(tmp_path) is None
+    cached.write_bytes(content)
+    # A suite keeps no presets, and `porse demo` no lock.
+    (tmp_path / "presets").unlink()
+    assert another_run(tmp_path) == said
+    (tmp_path / "dvc.lock").unlink()
+    assert "warning" not in porse("results", str(tmp_path)).stderr
 
 
 def test_parameters_that_cannot_be_read_are_said(tmp_path):
