@@ -55,9 +55,8 @@ class RungBar:
         self._stage, self._stages, self._after, whole = _planned(label)
         self._bars = None
         if self._mode == "auto" and sys.stdout.isatty():
-            self._bars = _Bars(label, candidates, epochs)
-            if self._stages:
-                self._bars.add_whole(f"stage {self._stage} of {self._stages}", whole, whole - self._after - epochs)
+            head = f"stage {self._stage} of {self._stages}" if self._stages else ""
+            self._bars = _Bars(head, whole, whole - self._after - epochs, label, candidates, epochs)
         folder = os.environ.get(TENSORBOARD_VARIABLE, "")
         self._events = _Events(Path(folder) / label.replace(",", "").replace(" ", "-")) if folder else None
 
@@ -187,9 +186,18 @@ def _planned(label: str) -> tuple[int, int, int, int]:
 
 
 class _Bars:
-    """Rich's bars: one for the rung, one for each candidate where there is room, and one for the whole run."""
+    """Rich's bars: one for the whole run, one for the rung, and one for each candidate where there is room.
 
-    def __init__(self, label: str, candidates: int, epochs: int) -> None:
+    Args:
+        head: which stage it is; empty where nobody knows, and the run has no bar.
+        whole: epochs of the run.
+        done: those before this rung.
+        label: which rung.
+        candidates: how many candidates are trained.
+        epochs: epochs over all of them.
+    """
+
+    def __init__(self, head: str, whole: int, done: int, label: str, candidates: int, epochs: int) -> None:
         # Imported here: a run without a terminal needs none of it.
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -202,9 +210,9 @@ class _Bars:
             TextColumn("{task.fields[said]}"),
         )
         self._progress = Progress(*columns, console=console, transient=True)
+        self._whole = self._progress.add_task(head, total=whole, completed=done, said="") if head else None
         self._rung = self._progress.add_task(label, total=epochs, said="")
         self._has_room = 1 < candidates <= min(ROOM_FOR, console.height - 5)
-        self._whole: Any = None
         self._each, self._own = epochs / max(candidates, 1), dict[str, tuple[Any, float]]()
 
     def start(self) -> None:
@@ -212,10 +220,6 @@ class _Bars:
 
     def stop(self) -> None:
         self._progress.stop()
-
-    def add_whole(self, label: str, epochs: int, done: int) -> None:
-        """Adds the bar of the whole run, of which so many epochs are done."""
-        self._whole = self._progress.add_task(label, total=epochs, completed=done, said="")
 
     def advance(self, name: str, said: str, left: str, fitness: float) -> None:
         """Moves the rung's bar, the candidate's and the run's by one epoch."""
