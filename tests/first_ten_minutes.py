@@ -81,12 +81,12 @@ STEPS = (
         "git add -A && git -c user.name=me -c user.email=me@here commit -qm 'a run'",
     ),
     Step(
-        "Change one value: the winner shall play 64 episodes where it played 32. Only what reads the value runs again.",
-        "sed -i 's/episodes: 32/episodes: 64/' params.yaml && porse status && porse repro",
+        "Change one value: the winner shall play 48 episodes where it played 32. Only what reads the value runs again.",
+        "sed -i 's/episodes: 32/episodes: 48/' params.yaml && porse status && porse repro",
     ),
     Step("What did it change? The parameter, and one figure.", "dvc params diff && dvc metrics diff"),
     Step(
-        "Take it back: nothing has to run, everything is in the cache.",
+        "Take it back: what came out is in DVC's cache, and nothing is trained.",
         "git checkout -q . && porse repro",
     ),
 )
