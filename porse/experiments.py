@@ -16,7 +16,7 @@ _HASHES = (
 """Columns of what stages depend on. A parameter of a preset is `presets/NAME.yaml:...`."""
 _SAID = ("task$", "method$", "seed$")
 """Parameters that metrics say, too."""
-_LEFT_OUT = ("Created$", "epochs_spent$", "valid_share$")
+_LEFT_OUT = ("Created$", "Executor$", "epochs_spent$", "valid_share$")
 
 
 def arguments() -> list[str]:
