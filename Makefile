@@ -22,11 +22,12 @@ demo: setup
 	$(BIN)/porse demo
 
 # Bit-identity: every recorded reply is what it was, everything is computed again, and the committed locks must still name
-# every byte.
+# every byte, and the tables what the pages say of them.
 proof: setup
 	$(BIN)/porse llm verify
 	$(BIN)/porse repro --force --no-run-cache
 	git diff --exit-code dvc.lock iterations metrics.json
+	$(BIN)/pytest --quiet tests/test_default_run.py
 
 # A file at a time to each core: many files share one small run between their tests.
 test: setup

@@ -3,6 +3,7 @@
 import errno
 import importlib
 import json
+import shutil
 import signal
 import sys
 from dataclasses import asdict
@@ -20,9 +21,11 @@ from porse.outdated import another_run
 from porse.paths import at_root
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.report.markdown import results_table
+from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
-from porse.repro import HOW_ON, check_start, reproduce
+from porse.repro import check_start, reproduce
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
+from porse.stage import HOW_ON
 from porse.task_names import TAGS, TASK_TAGS
 
 _LAZY = {
@@ -31,6 +34,7 @@ _LAZY = {
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",
+    "experiments": "porse.experiments:experiments",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",
@@ -209,8 +213,16 @@ def pipeline(check: bool) -> None:
 @click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
 @click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
 def repro(arguments: tuple[str, ...], progress: str | None) -> None:
-    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
+    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS.
+
+    Without any, each stage prints a line, or on a terminal its bars, and the last one is as `porse status` has it. With ARGUMENTS,
+    DVC prints what it does, too.
+    """
     code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
+    if code == 0 and not progress and not arguments:
+        from porse.status import status_of, status_text
+
+        click.echo(status_text(status_of(Path())))
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)
 
@@ -238,37 +250,25 @@ def show_methods(as_json: bool) -> None:
 
 
 @main.command("results")
+@click.argument("run", default=".", type=EXISTING)
 @click.option(
-    "--metrics", "path", default="metrics.json", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+    "--json", "as_json", is_flag=True, help="Print all figures and the rows of the iterations, as a JSON object."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the metrics as they are, as a JSON object.")
-def show_results(path: Path, as_json: bool) -> None:
-    """Print score and MTS by iteration, and final success, from a run's metrics, as Markdown.
+def show_results(run: Path, as_json: bool) -> None:
+    """Print score and MTS by iteration, and final success, of the finished run in the folder RUN, as Markdown.
 
-    Where params.yaml beside them is no longer that of the run, a line on standard error says so.
+    Where params.yaml is no longer that of the run, a line on standard error says so.
     """
-    try:
-        metrics = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise PorseError(
-            f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first"
-        ) from None
-    except ValueError as error:
-        raise PorseError(
-            f"expected the metrics of a run at {path}, found no JSON ({error}); `git checkout {path}` or `dvc repro` restores it"
-        ) from None
-    if (path.parent / "params.yaml").is_file() and (warning := another_run(path.parent)):
+    # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
+    if (run / "dvc.lock").is_file() and (warning := another_run(run)):
         click.echo(f"warning: {warning}", err=True)
-    if as_json:
-        click.echo(json.dumps(metrics, indent=2))
+    found = read_results(run)
+    if not as_json:
+        click.echo(results_table(found.iterations, found.figures))
         return
-    try:
-        table = results_table(metrics)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise PorseError(
-            f"expected the metrics that this version writes at {path}, found others ({error!r}); run `dvc repro` for new ones"
-        ) from None
-    click.echo(table)
+    params = found.params
+    named = {"task": params.task, "method": params.method, "ablation": params.ablation, "seed": params.seed}
+    click.echo(json.dumps({**named, **found.figures, "iterations": found.iterations}, indent=2))
 
 
 @main.command("trends")
@@ -307,10 +307,16 @@ def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
         return
     for row in rows:
         tagged = ", ".join(TASK_TAGS[str(row["task"])])
-        click.echo(
+        line = (
             f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
-            f"{tagged:20} {row['description']}"
         )
+        line += f"{tagged:20} "
+        # In a terminal a description goes on below itself; elsewhere a task is a line.
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+        text = (
+            click.wrap_text(str(row["description"]), max(width - len(line), 20)) if width else str(row["description"])
+        )
+        click.echo(line + text.replace("\n", "\n" + " " * len(line)))
     if not tags:
         click.echo()
         for tag, meaning in TAGS.items():

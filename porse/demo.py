@@ -74,7 +74,8 @@ def demo(out: Path, path: Path, opens: bool) -> None:
         run(params, Place(out, Path("prompts"), Path("llm_cache")), check, click.echo)
     _write_manifest(out)
     click.echo()
-    click.echo(results_table(json.loads((out / "metrics.json").read_text(encoding="utf-8"))))
+    results = read_results(out)
+    click.echo(results_table(results.iterations, results.figures))
     click.echo()
     film = no_film(without) if without else winner_film(params, out)
     if film.gif:
@@ -84,7 +85,7 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     else:
         click.echo(f"no film: {film.words}", err=True)
     page = out / "report.html"
-    page.write_text(render(page_of(read_results(out), film)), encoding="utf-8")
+    page.write_text(render(page_of(results, film)), encoding="utf-8")
     click.echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
         click.echo(f"{page}: opened")

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from porse.config import leaves, load_document, resolve_document
+from porse.config import ROOT, leaves, load_document, resolve_document
 from porse.documents import parse_yaml, read_yaml
 from porse.errors import ParamsError, PorseError
 from porse.inputs.resolve import resolve_inputs
@@ -32,7 +32,9 @@ def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
         ParamsError: `params.yaml` or a lock cannot be read.
     """
     where = root / "params.yaml"
-    now = dict(leaves(resolve_document(load_document(where), str(where), root).document))
+    # What a suite kept of a run has no presets: they are the project's.
+    project = root if (root / "presets").is_dir() else ROOT
+    now = dict(leaves(resolve_document(load_document(where), str(where), project).document))
     found: dict[str, tuple[Any, Any]] = {}
     committed = functools.cache(lambda: _committed_inputs(root))
     for path, digest in sorted({*_inputs_of_run(root)}):

@@ -56,4 +56,7 @@ def write_plan(path: Path, params: Params) -> None:
         before += stage.epochs
         if stage.label:
             rungs[stage.label] = {"stage": number, "epochs_after": total - before}
-    path.write_text(json.dumps({"stages": len(stages), "rungs": rungs}), encoding="utf-8")
+    names = [stage.name for stage in stages]
+    path.write_text(
+        json.dumps({"names": names, "stages": len(stages), "epochs": total, "rungs": rungs}), encoding="utf-8"
+    )

@@ -18,6 +18,7 @@ from porse.pipeline import write_pipeline
 from porse.plan import write_plan
 from porse.processes import die_with_parent
 from porse.repair import repair
+from porse.stage import HOW_ON
 from porse.training.bar import check_progress
 from porse.training.executor import executor_from_environment
 from porse.training.memory import check_memory
@@ -31,7 +32,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
 
     Args:
         root: the project's root.
-        arguments: what `dvc repro` gets.
+        arguments: what `dvc repro` gets; without any, DVC says what goes wrong alone, and each stage its line.
         say: told one line for everything that was mended or written.
         progress: how stages show theirs (`porse.training.bar`); empty: as PORSE_PROGRESS says.
 
@@ -51,8 +52,9 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     check_start(params)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
-    # What DVC says between the stages is no progress, and no JSON.
-    command = [sys.executable, "-m", "dvc", "repro", *(["--quiet"] if progress else []), *arguments]
+    # What DVC says between the stages is no progress, and no JSON. Who gives it arguments wants to read what it says of them.
+    quiet = ["--quiet"] if progress or not arguments else []
+    command = [sys.executable, "-m", "dvc", "repro", *quiet, *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())
     with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
         plan = Path(scratch) / "plan.json"
@@ -89,9 +91,6 @@ def check_start(params: Params) -> None:
     check_progress()
     executor_from_environment()
     check_memory(params)
-
-
-HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
 
 
 def has_source_control(root: Path) -> bool:

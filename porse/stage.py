@@ -14,7 +14,13 @@ from porse.config import Params
 from porse.errors import PorseError
 from porse.inputs.resolve import check_unchanged, read_inputs
 
+PROGRESS_VARIABLE, PLAN_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN"
+"""How progress is shown, and the file that says what the run's stages are: see `porse.training.bar`."""
+
 LOGS = Path("logs")
+HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
+"""What to do after Ctrl-C, in a stage and around it."""
+
 _INPUTS, _READ = "porse.inputs", "porse.inputs.read"
 
 
@@ -28,9 +34,7 @@ class PlainCommand(click.Command):
         except PorseError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            raise click.ClickException(
-                "stopped by Ctrl-C: run `porse repro` again, and it goes on with the stage that was at work"
-            ) from None
+            raise click.ClickException(f"stopped by Ctrl-C: {HOW_ON}") from None
 
 
 class StageCommand(PlainCommand):
@@ -92,6 +96,25 @@ def write_manifest() -> None:
 
 
 def say(text: str) -> None:
-    """Prints a line about the stage's work at once, whatever stdout is."""
-    click.echo(text)
+    """Prints what the stage did, at once, whatever stdout is: as lines, or as PORSE_PROGRESS says a JSON object or nothing.
+
+    Under `porse repro`, which stage of how many it is stands before each line.
+    """
+    mode, (number, stages) = os.environ.get(PROGRESS_VARIABLE, ""), _place()
+    if mode == "quiet":
+        return
+    if mode == "json":
+        click.echo(json.dumps({"event": "stage", "stage": number, "stages": stages, "said": text}))
+    else:
+        for line in text.splitlines():
+            click.echo(f"[{number}/{stages}] {line}" if stages else line)
     sys.stdout.flush()
+
+
+def _place() -> tuple[int, int]:
+    """Returns which stage this is, by the name that DVC gives it, and how many the plan has; zeros without a plan."""
+    try:
+        names = json.loads(Path(os.environ[PLAN_VARIABLE]).read_text(encoding="utf-8"))["names"]
+        return names.index(os.environ["DVC_STAGE"]) + 1, len(names)
+    except (KeyError, OSError, ValueError):
+        return 0, 0

@@ -92,6 +92,14 @@ def status_of(root: Path) -> Status:
     )
 
 
+def status_text(found: Status) -> str:
+    """Returns a status as lines for people."""
+    lines = [f"{found.state}: {found.done} of {found.stages} stages, {found.epochs_done} of {found.epochs} epochs"]
+    if found.next:
+        lines.append(f"{'at work' if found.state == 'running' else 'next'}: {found.next}")
+    return "\n".join([*lines, HOW_ON[found.state]])
+
+
 def _locks(root: Path) -> dict[str, Mapping[str, Any]]:
     """Returns what the locks say of each stage, by the name that `dvc repro` takes."""
     found: dict[str, Mapping[str, Any]] = {}
@@ -124,7 +132,4 @@ def status(as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps({**found.__dict__, "how_on": HOW_ON[found.state]}, indent=2))
         return
-    click.echo(f"{found.state}: {found.done} of {found.stages} stages, {found.epochs_done} of {found.epochs} epochs")
-    if found.next:
-        click.echo(f"{'at work' if found.state == 'running' else 'next'}: {found.next}")
-    click.echo(HOW_ON[found.state])
+    click.echo(status_text(found))

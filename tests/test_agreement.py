@@ -28,8 +28,7 @@ def finished(tmp_path_factory):
 def copied(finished, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
-    for name in ("params.yaml", "metrics.json"):
-        shutil.copy(finished / name, folder)
+    shutil.copy(finished / "params.yaml", folder)
     shutil.copytree(finished / "results", folder / "results")
     return folder
 

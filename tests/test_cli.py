@@ -4,11 +4,13 @@ import sys
 
 import click
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from porse import tables
 from porse.cli import main
 from porse.task_names import TAGS, TASK_CLASSES, TASK_TAGS
+from tiny import committed_params
 
 
 def commands(group, prefix=()):
@@ -111,6 +113,7 @@ def test_only_the_modules_of_the_tasks_that_are_printed_are_imported():
 
 
 def test_results_without_a_run_say_what_to_do(tmp_path):
-    done = porse("results", "--metrics", str(tmp_path / "none.json"))
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(committed_params()))
+    done = porse("results", str(tmp_path))
     assert done.exit_code == 1
-    assert "run `dvc repro` first" in done.output
+    assert "iterations.parquet, found no such file; run `dvc repro` to make it" in done.output

@@ -39,7 +39,7 @@ def test_every_command_has_an_example(name):
 def test_every_example_is_what_its_command_takes(words, tmp_path, monkeypatch):
     """click reads the arguments, checks of paths included, and the command itself is not run."""
     name, arguments = split(words)
-    for folder in ("prompts", "llm_cache", "run"):
+    for folder in ("prompts", "llm_cache", "run", "demo"):
         (tmp_path / folder).mkdir()
     for file in ("answers.jsonl", "new.txt"):
         (tmp_path / file).touch()

@@ -2,11 +2,13 @@
 
 import csv
 import io
+import json
 import os
 import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 from empty_stages import PYTHON
 from tiny import BIN, ROOT, committed_params, dvc, make_project, run
@@ -94,6 +96,36 @@ def test_an_experiment_beside_the_workspace_runs_and_is_shown(committed):
     shown = csv.DictReader(io.StringIO(dvc(committed, "exp", "show", "--csv", "--no-pager").stdout))
     assert [row["seed"] for row in shown if "another" in row["Experiment"]] == ["7"]
     assert "seed" in dvc(committed, "params", "diff", "another").stdout
+
+
+def test_experiments_fit_a_terminal_and_say_whose_they_are(tmp_path):
+    """As many commits as experiments: the columns are the same, and nothing has to run."""
+    project = make_project(tmp_path / "project", committed_params(), tmp_path)
+    names = ("score", "mts", "hns_lineage", "success", "epochs_spent", "valid_share")
+    document = committed_params()
+    for task, method, seed in (("Quadcopter", "porse", 1), ("CatchOver2Underarm", "eureka", 2)):
+        figures = {name: -0.12345678901234567 * seed for name in names}
+        (project / "metrics.json").write_text(json.dumps({"Task": task, "Method": method, "Seed": seed, **figures}))
+        document |= {"task": task, "method": method, "seed": seed, "train": {**document["train"], "gamma": 0.1 * seed}}
+        (project / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+        run(project, "git", "add", "-A")
+        run(project, "git", *NAMES, "commit", "-qm", task)
+    shown = run(project, str(BIN / "porse"), "experiments", "--no-pager", "-A", COLUMNS="120").stdout
+    head, _, last, first = (
+        line.split() for line in shown.splitlines() if any(word in line for word in ("Task", "0.1", "0.2"))
+    )
+    assert head == ["Experiment", "Task", "Method", "Seed", "score", "mts", "hns_lineage", "success", "train.gamma"]
+    assert max(map(len, shown.splitlines())) <= 120
+    assert "…" not in shown
+    assert last[-8:] == ["CatchOver2Underarm", "eureka", "2", *["-0.24691"] * 4, "0.2"]
+    assert first[-8:] == ["Quadcopter", "porse", "1", *["-0.12346"] * 4, "0.1"]
+    # Two tasks: the difference says so.
+    said = [line.split() for line in dvc(project, "metrics", "diff", "HEAD~1", "HEAD").stdout.splitlines()]
+    assert said[1:4] == [
+        ["metrics.json", "Method", "porse", "eureka", "-"],
+        ["metrics.json", "Seed", "1", "2", "1"],
+        ["metrics.json", "Task", "Quadcopter", "CatchOver2Underarm", "-"],
+    ]
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
-"""docs/exploration.md says what its CSV files say, and each of them is a suite's; and the default run has a bonus that can be seen."""
+"""docs/exploration.md says what its CSV files say, and each of them is a suite's."""
 
 import csv
-import json
 import re
 from pathlib import Path
 
@@ -32,9 +31,3 @@ def test_a_table_of_the_page_has_each_finished_variant_with_five_seeds_and_its_n
         numbers = [float(number) for cell in cells[1:3] for number in re.findall(r"[-+]?\d+\.\d+", cell)]
         names = ["mean", "deviation"] if variant == "none" else ["mean", "deviation", "difference", "low", "high"]
         assert numbers == pytest.approx([float(score[name]) for name in names], abs=0.0006)
-
-
-def test_the_bonus_of_the_default_run_is_at_least_a_twentieth_of_the_total_in_every_first_rung() -> None:
-    iterations = json.loads((ROOT / "metrics.json").read_text())["by_iteration"]
-    assert list(iterations) == ["1", "2", "3", "4", "5"]
-    assert min(found["bonus_share"] for found in iterations.values()) >= 0.05

@@ -156,7 +156,7 @@ def test_a_project_of_an_installed_wheel_runs_from_end_to_end_and_again_for_what
     ]
     (project / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
     first = run(project, *PORSE, "repro", **where)
-    assert "Running stage 'summarise'" in first.stdout
+    assert re.findall(r"^\[(\d+/\d+)\]", first.stdout, re.MULTILINE)[-1] == "12/12"
     assert json.loads(run(project, *PORSE, "status", "--json", **where).stdout)["state"] == "finished"
     assert "Final success in 8 episodes" in run(project, *PORSE, "results", **where).stdout
     run(project, *PORSE, "report", **where)
@@ -165,4 +165,4 @@ def test_a_project_of_an_installed_wheel_runs_from_end_to_end_and_again_for_what
     module = installed / "porse" / "report" / "summary.py"
     module.write_text(module.read_text() + "\n# A comment.\n")
     second = run(project, *PORSE, "repro", **where)
-    assert re.findall(r"Running stage '([^']+)'", second.stdout) == ["resolve", "summarise"]
+    assert re.findall(r"^\[(\d+/\d+)\]", second.stdout, re.MULTILINE) == ["1/12", "12/12"]

@@ -1,7 +1,6 @@
 """What the table of learning says, with numbers worked out by hand; and the committed one is of the suite's runs."""
 
 import csv
-import json
 import shutil
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import torch
 import yaml
 from click.testing import CliRunner
 
+from meaning_cases import row_of
 from porse import tables
 from porse.report.calibration import random_actions, zero_actions
 from porse.report.learning import COLUMNS, Learned, learned, learning_row, main, published_return, trivial_fitness
@@ -25,8 +25,11 @@ def written(folder: Path, task: str, seed: int, fitness: list[float], steps: int
     folder.mkdir(parents=True)
     document = {**committed_params(), "task": task, "seed": seed}
     (folder / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
-    metrics = {"environment_steps": steps, "mts": max(fitness), "final_success": {"mean": final}}
-    (folder / "metrics.json").write_text(json.dumps(metrics))
+    # The highest fitness of an epoch is that of the iteration; of two episodes one is worth twice what both are in the mean.
+    iteration = row_of(tables.ITERATIONS, iteration=1, winner_id="x", mts=max(fitness), environment_steps=steps)
+    tables.write(folder / "results" / "iterations.parquet", tables.ITERATIONS, [iteration])
+    episodes = [row_of(tables.EPISODES, episode=n, candidate_id="x", outcome=2 * n * final) for n in (0, 1)]
+    tables.write(folder / "results" / "episodes.parquet", tables.EPISODES, episodes)
     series = {"fitness": fitness, "goal": [9.0, *[0.5] * 11], "episode_length": [7.0, *[30.0] * 11]}
     rows = [
         {"iteration": 1, "rung": "1", "candidate_id": "x", "series": name, "epoch": epoch, "value": value}

@@ -16,10 +16,12 @@ from porse.methods import ABLATIONS, METHODS, overridden
 from porse.report.figures import (
     area_under_curve,
     chain_fitness,
+    curve_figures,
     epochs_to,
     evaluation_figures,
     final_success,
     human_normalised_score,
+    run_figures,
     task_scores,
 )
 from porse.report.markdown import results_table
@@ -70,7 +72,7 @@ def test_a_tasks_score_is_by_the_references_of_that_task(params):
     # of 5: (5 - 1) / (9 - 1) and (5 - 3) / (13 - 3); (5 - 3) / (5 - 3), and equal references
     for task, lineage, budget in (("Over", 0.5, 0.2), ("Pen", 1.0, None), ("Kettle", None, None)):
         found = task_scores(5.0, parse_params({**document, "task": task}, "params.yaml"))
-        assert found == {"lineage": lineage, "budget": budget}
+        assert found == {"hns_lineage": lineage, "hns_budget": budget}
 
 
 def test_epochs_are_spent_in_the_order_of_the_schedule(params):
@@ -104,7 +106,9 @@ def test_the_spread_over_seeds_is_that_of_a_sample_of_those_that_did_not_fail(pa
     ]
     seeds = [{"seed": seed, "links": 1, "failure": "late" if seed == 4 else ""} for seed in (1, 2, 3, 4)]
     # MTS -4, 5, 2: mean 1, (25 + 16 + 1) / 2 = 21. The fourth was good, and failed.
-    expected = {"seeds": 3, "failed": 1, "mts_mean": 1.0, "mts_std": pytest.approx(21**0.5)}
+    expected = {
+        "evaluation_seeds": 3, "evaluation_failed": 1, "evaluation_mts_mean": 1.0, "evaluation_mts_std": pytest.approx(21**0.5),
+    }  # fmt: skip
     assert part(evaluation_figures(rows, seeds, by(params)), expected) == expected
 
 
@@ -115,7 +119,7 @@ def test_a_seeds_score_is_that_of_its_last_link_and_its_mts_of_all(params):
     seeds = [{"seed": 1, "links": 2, "failure": ""}]
     for which, score in (("mean", 5.5), ("max", 8.0)):
         found = evaluation_figures(rows, seeds, by(params, window=2, score=which))
-        assert (found["score_mean"], found["mts_mean"]) == (score, 9.0)
+        assert (found["evaluation_score_mean"], found["evaluation_mts_mean"]) == (score, 9.0)
 
 
 def by(params, **values):
@@ -132,11 +136,13 @@ def test_final_success_of_solved_and_unsolved_episodes_is_a_share_with_wilsons_i
         = 1.959964 sqrt(0.029297 + 0.015006) / 1.480182 = 0.278706."""
     found = final_success(played(1, 0, 0, 1, 0, 0, 1, 0))
     assert found == {
-        "mean": 0.375, "low": pytest.approx(0.136845, abs=2e-6), "high": pytest.approx(0.694257, abs=2e-6), "episodes": 8,
+        "success": 0.375, "success_low": pytest.approx(0.136845, abs=2e-6), "success_high": pytest.approx(0.694257, abs=2e-6),
+        "episodes": 8,
     }  # fmt: skip
     # none of 4 is no proof of never: the upper end is 3.841459 / (4 + 3.841459)
     found = final_success(played(0, 0, 0, 0))
-    assert (found["mean"], found["low"], found["high"]) == (0.0, pytest.approx(0.0, abs=1e-9), pytest.approx(0.489890, abs=2e-6))  # fmt: skip
+    assert (found["success"], found["success_low"]) == (0.0, pytest.approx(0.0, abs=1e-9))
+    assert found["success_high"] == pytest.approx(0.489890, abs=2e-6)
 
 
 def test_final_success_of_other_outcomes_is_a_mean_with_students_interval():
@@ -144,10 +150,12 @@ def test_final_success_of_other_outcomes_is_a_mean_with_students_interval():
     found = final_success(played(-1, -2, -6))
     half = 4.302653 * 1.527525
     assert found == {
-        "mean": -3.0, "low": pytest.approx(-3 - half, abs=2e-5), "high": pytest.approx(-3 + half, abs=2e-5), "episodes": 3,
+        "success": -3.0, "success_low": pytest.approx(-3 - half, abs=2e-5), "success_high": pytest.approx(-3 + half, abs=2e-5),
+        "episodes": 3,
     }  # fmt: skip
     # halves are no shares; and where all are equal, there is nothing to be unsure of
-    assert final_success(played(0.5, 0.5)) == {"mean": 0.5, "low": 0.5, "high": 0.5, "episodes": 2}
+    equal = {"success": 0.5, "success_low": 0.5, "success_high": 0.5, "episodes": 2}
+    assert final_success(played(0.5, 0.5)) == equal
 
 
 # A whole run: two iterations, the last of them worse than the first.
@@ -225,7 +233,7 @@ def test_an_iteration_reports_its_winner_and_the_best_of_all_its_trainings(param
     assert (second["mts"], second["winner_mts"], second["score"], second["epochs"]) == (5.0, 5.0, 3.5, 3)
 
 
-def test_a_runs_metrics_by_pencil(params, whole):
+def test_a_runs_figures_by_pencil(params, whole):
     chosen = changed(params, train={"num_envs": 3, "steps_per_epoch": 7, "rung_epochs": 2}, generate={"candidates": 4})
     references = {"Quadcopter": Reference(human=Lengths(3.0, 4.5), sparse=Lengths(-2.0, 1.0))}
     chosen = changed(chosen, summarise={"thresholds": {"Quadcopter": 6.0}, "references": references})
@@ -233,29 +241,43 @@ def test_a_runs_metrics_by_pencil(params, whole):
     rows = [{"seed": seed, "iteration": 2, "epoch": 1, "fitness": value} for seed, value in ((1, 2.0), (2, 4.0))]
     seeds = [{"seed": seed, "links": 2, "failure": ""} for seed in (1, 2)]
     evaluation = Evaluation(chain, rows, seeds, played(-1, -2, -6))
-    found = metrics(whole, iteration_rows(whole, chosen), evaluation, chosen)
+    iterations = iteration_rows(whole, chosen)
+    found = run_figures(iterations, evaluation, chosen) | curve_figures(whole, evaluation, chosen)
     # (8 + 2) / (3 + 2), and (8 - 1) / (4.5 - 1)
-    assert found["hns"] == {"lineage": 2.0, "budget": 2.0}
+    assert (found["hns_lineage"], found["hns_budget"]) == (2.0, 2.0)
     assert (found["mts"], found["score"]) == (8.0, 3.5)
     # where the run's winner won in iteration 1, its score is from there
-    alone = metrics(whole, iteration_rows(whole, chosen), Evaluation(chain[:1], rows, seeds, played(1, 0)), chosen)
+    alone = run_figures(iterations, Evaluation(chain[:1], rows, seeds, played(1, 0)), chosen)
     assert alone["score"] == 4.5
-    assert (found["final_success"]["mean"], found["final_success"]["episodes"]) == (-3.0, 3)
+    assert (found["success"], found["episodes"]) == (-3.0, 3)
     # a's three epochs, then its two: (1 + 6 + 4 + 5 + 3) / 5
     assert found["fitness_area"] == pytest.approx(3.8)
     # in order a1 b1: 1, 8
     assert found["epochs_to_threshold"] == 2
-    assert (found["evaluation"]["mts_mean"], found["evaluation"]["mts_std"]) == (3.0, pytest.approx(2**0.5))
+    assert (found["evaluation_mts_mean"], found["evaluation_mts_std"]) == (3.0, pytest.approx(2**0.5))
     # allowed: 5 iterations x 4 candidates x 6 rungs x 2 epochs
     assert (found["epochs_spent"], found["epochs_allowed"], found["environment_steps"]) == (7, 240, 147)
     assert found["failed_candidates"] == 1
     replies = {
-        "functions": 4, "valid": 2, "valid_share": 0.5, "all": 3, "prompt_tokens": 45, "completion_tokens": 7,
+        "functions": 4, "valid_functions": 2, "valid_share": 0.5, "replies": 3, "prompt_tokens": 45, "completion_tokens": 7,
         "recorded_usd": 0.75,
     }  # fmt: skip
-    assert part(found["replies"], replies) == replies
-    second = {"mts": 5.0, "score": 3.5, "beta": 1.6, "alpha": 0.9}
-    assert part(found["by_iteration"]["2"], second) == second
+    assert part(found, replies) == replies
+
+
+def test_metrics_are_few_and_flat_and_say_first_whose_they_are(params, whole):
+    chosen = changed(
+        dataclasses.replace(params, method="eureka", ablation="fixed-beta", seed=7), summarise={"references": {}}
+    )
+    evaluation = Evaluation([candidate(1, 0, "a")], [], [], played(1, 0, 1, 1))
+    found = metrics(iteration_rows(whole, chosen), evaluation, chosen)
+    # Four functions were read, and two of them passed; seven epochs were spent; a's score is from iteration 1.
+    assert [*found.items()] == [
+        ("Task", "Quadcopter"), ("Method", "eureka fixed-beta"), ("Seed", 7), ("score", 4.5), ("mts", 8.0),
+        ("hns_lineage", None), ("success", 0.75), ("epochs_spent", 7), ("valid_share", 0.5),
+    ]  # fmt: skip
+    # DVC sorts them so.
+    assert {*sorted(found)[:3]} == {"Task", "Method", "Seed"}
 
 
 def test_the_plots_show_the_chains_fitness_epoch_by_epoch(params, whole, tmp_path):
@@ -271,24 +293,14 @@ def test_the_plots_show_the_chains_fitness_epoch_by_epoch(params, whole, tmp_pat
     assert tables.read(tmp_path / "r" / "episodes.parquet", tables.EPISODES) == played(1, 0)
 
 
-def test_the_table_for_people_counts_iterations_and_does_not_spell_them():
-    by_iteration = {str(n): {"mts": n / 2, "score": -n, "beta": 0.25 * n, "alpha": 0.5} for n in (10, 2)}
-    found = results_table(
-        {
-            "by_iteration": by_iteration,
-            "mts": 5.0,
-            "score": -10.0,
-            "evaluation": {
-                "seeds": 3,
-                "failed": 2,
-                "score_mean": -2.5,
-                "score_std": 0.75,
-                "mts_mean": 1.5,
-                "mts_std": 0.25,
-            },
-            "final_success": {"mean": 0.75, "low": 0.5, "high": 0.875, "episodes": 64},
-        }
-    ).splitlines()
+def test_the_table_for_people_has_a_line_for_each_iteration_and_the_runs_own_below():
+    iterations = [{"iteration": n, "mts": n / 2, "score": -n, "beta": 0.25 * n, "alpha": 0.5} for n in (2, 10)]
+    figures = {
+        "mts": 5.0, "score": -10.0, "evaluation_seeds": 3, "evaluation_failed": 2, "evaluation_score_mean": -2.5,
+        "evaluation_score_std": 0.75, "evaluation_mts_mean": 1.5, "evaluation_mts_std": 0.25,
+        "success": 0.75, "success_low": 0.5, "success_high": 0.875, "episodes": 64,
+    }  # fmt: skip
+    found = results_table(iterations, figures).splitlines()
     assert found[2:] == [
         "| 2 | -2.000 | 1.000 | 0.5 | 0.5 |",
         "| 10 | -10.000 | 5.000 | 2.5 | 0.5 |",

@@ -4,10 +4,10 @@ The runs are real ones at tiny size, in one process; those whose way through the
 well. An ablation concerns the search and not the task: on the second task they belong to the long suite.
 """
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +18,7 @@ from porse.generation.functions import Check
 from porse.generation.states import checker
 from porse.methods import ABLATIONS, METHODS
 from porse.methods.sets import ASKED
+from porse.report.results import read_results
 from porse.search.schedule import total_epochs
 from porse.training.limits import WORKERS_VARIABLE
 from tiny import committed_params, dvc, make_project
@@ -128,8 +129,8 @@ class Runs:
     def table(self, task: str, name: str, table: str) -> list[dict]:
         return tables.read(self.folder(task, name) / "results" / f"{table}.parquet", tables.TABLES[table])
 
-    def metrics(self, task: str, name: str) -> dict:
-        return json.loads((self.folder(task, name) / "metrics.json").read_text())
+    def figures(self, task: str, name: str) -> Mapping[str, Any]:
+        return read_results(self.folder(task, name)).figures
 
 
 @pytest.fixture(scope="module")
@@ -187,15 +188,15 @@ def test_dvc_gives_the_bytes_of_one_process(runs, venv, tmp_path, name):
 
 @each(NAMES)
 def test_what_was_spent_is_what_the_schedule_says(runs, task, name):
-    metrics, params = runs.metrics(task, name), load_params(runs.folder(task, name) / "params.yaml")
+    figures, params = runs.figures(task, name), load_params(runs.folder(task, name) / "params.yaml")
     spent = sum(row["series"] == "fitness" for row in runs.table(task, name, "curves"))
-    assert metrics["epochs_spent"] == spent
-    assert metrics["environment_steps"] == spent * 8 * 4
+    assert figures["epochs_spent"] == spent
+    assert figures["environment_steps"] == spent * 8 * 4
     # Equal candidates are trained once: the grammar may write one mapping twice.
     assert spent == total_epochs(params) or (name in MAPPINGS and spent < total_epochs(params))
-    assert metrics["failed_candidates"] == 0
-    assert (metrics["evaluation"]["seeds"], metrics["evaluation"]["failed"]) == (1, 0)
-    assert metrics["final_success"]["episodes"] == 8
+    assert figures["failed_candidates"] == 0
+    assert (figures["evaluation_seeds"], figures["evaluation_failed"]) == (1, 0)
+    assert figures["episodes"] == 8
 
 
 def replies(runs, task, name, kind):

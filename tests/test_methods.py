@@ -223,16 +223,17 @@ def test_the_evaluation_is_mean_and_sample_deviation_over_seeds_that_did_not_fai
     eliminate = dataclasses.replace(params.eliminate, window=1)
     # scores 1 and 2: mean 1.5, deviation sqrt((0.25 + 0.25) / 1); MTS 1 and 3: mean 2, deviation sqrt((1 + 1) / 1)
     assert evaluation_figures(rows, seeds, eliminate) == {
-        "seeds": 2, "failed": 0, "score_mean": 1.5, "score_std": pytest.approx(0.5**0.5), "mts_mean": 2.0,
-        "mts_std": pytest.approx(2**0.5),
+        "evaluation_seeds": 2, "evaluation_failed": 0, "evaluation_score_mean": 1.5,
+        "evaluation_score_std": pytest.approx(0.5**0.5), "evaluation_mts_mean": 2.0, "evaluation_mts_std": pytest.approx(2**0.5),
     }  # fmt: skip
     assert evaluation_figures(rows[:2], seeds[:1], eliminate) == {
-        "seeds": 1, "failed": 0, "score_mean": 1.0, "score_std": None, "mts_mean": 1.0, "mts_std": None,
+        "evaluation_seeds": 1, "evaluation_failed": 0, "evaluation_score_mean": 1.0, "evaluation_score_std": None,
+        "evaluation_mts_mean": 1.0, "evaluation_mts_std": None,
     }  # fmt: skip
-    nothing = {"score_mean": None, "score_std": None, "mts_mean": None, "mts_std": None}
-    assert evaluation_figures([], [], eliminate) == {"seeds": 0, "failed": 0, **nothing}
+    nothing = dict.fromkeys(f"evaluation_{name}_{what}" for name in ("score", "mts") for what in ("mean", "std"))
+    assert evaluation_figures([], [], eliminate) == {"evaluation_seeds": 0, "evaluation_failed": 0, **nothing}
     failed = [{"seed": number, "links": 0, "failure": "late"} for number in (1, 2)]
-    assert evaluation_figures(rows, failed, eliminate) == {"seeds": 0, "failed": 2, **nothing}
+    assert evaluation_figures(rows, failed, eliminate) == {"evaluation_seeds": 0, "evaluation_failed": 2, **nothing}
 
 
 def test_the_lineage_is_the_chain_of_incumbents_each_once(params):

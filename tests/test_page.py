@@ -2,7 +2,6 @@
 
 import dataclasses
 import html
-import json
 import re
 from html.parser import HTMLParser
 from types import SimpleNamespace
@@ -297,12 +296,11 @@ def test_series_are_grouped_into_charts_and_what_is_not_there_is_left_out():
 # The run as a whole.
 
 
-METRICS = {
-    "score": -0.25, "mts": -0.125, "hns": {"lineage": 1.5, "budget": None}, "epochs_to_threshold": None,
-    "final_success": {"mean": 0.75, "low": 0.5, "high": 0.875, "episodes": 4},
-    "evaluation": {"seeds": 2, "failed": 1, "score_mean": -0.5, "score_std": 0.25, "mts_mean": -0.375, "mts_std": 0.125},
-    "epochs_spent": 30, "epochs_allowed": 40, "environment_steps": 61440,
-    "replies": {"all": 9, "functions": 7, "valid": 5},
+FIGURES = {
+    "score": -0.25, "mts": -0.125, "hns_lineage": 1.5, "hns_budget": None, "epochs_to_threshold": None,
+    "success": 0.75, "success_low": 0.5, "success_high": 0.875, "episodes": 4, "evaluation_seeds": 2, "evaluation_failed": 1,
+    "evaluation_score_mean": -0.5, "evaluation_score_std": 0.25, "evaluation_mts_mean": -0.375, "evaluation_mts_std": 0.125,
+    "epochs_spent": 30, "epochs_allowed": 40, "environment_steps": 61440, "replies": 9, "functions": 7, "valid_functions": 5,
 }  # fmt: skip
 
 
@@ -340,7 +338,7 @@ def results(params):
     episodes = [row_of(tables.EPISODES, episode=n, outcome=outcome) for n, outcome in enumerate((1.0, 1.0, 0.0, 1.0))]
     seeds = [row_of(tables.SEEDS, seed=1, links=1), row_of(tables.SEEDS, seed=2, failure=f"no {EVIL}")]
     evaluation = Evaluation(candidates[:2], [], seeds, episodes)
-    return Results(params, run, iterations, evaluation, METRICS, {"cpu": EVIL})
+    return Results(params, run, iterations, evaluation, FIGURES, {"cpu": EVIL})
 
 
 def test_the_answer_comes_in_the_order_of_what_matters_and_says_what_it_measures(results):
@@ -606,8 +604,8 @@ def test_a_real_run_becomes_a_page_that_is_the_same_each_time(finished, tmp_path
     assert str(finished) not in text
     results = read_results(finished)
     shown = html.unescape(re.sub(r"<[^>]+>", "", text))
-    success = json.loads((finished / "metrics.json").read_text())["final_success"]
-    assert f"{success['mean']:.3f} ({success['low']:.3f} to {success['high']:.3f})" in shown
+    found = results.figures
+    assert f"{found['success']:.3f} ({found['success_low']:.3f} to {found['success_high']:.3f})" in shown
     for row in results.run.candidates:
         assert f'id="1-{row["candidate_id"]}"' in text
         assert all(line in shown for line in row["reward_source"].splitlines())
@@ -632,16 +630,6 @@ def test_a_run_that_is_not_finished_and_a_page_that_cannot_be_written_are_said_i
     assert (done.exit_code, "iterations.parquet, found no such file; run `dvc repro`" in done.output) == (1, True)
     done = CliRunner().invoke(main, ["report", str(finished), "--no-film", "--out", str(tmp_path / "no" / "page.html")])
     assert (done.exit_code, "expected the folder" in done.output) == (1, True)
-
-
-def test_metrics_of_another_version_are_said_in_a_sentence(finished, tmp_path, root, monkeypatch):
-    monkeypatch.chdir(root)
-    for name in ("params.yaml", "results"):
-        (tmp_path / name).symlink_to(finished / name)
-    for content, said in (("{}", "found no score, mts, hns"), ("[]", "found a list"), ("{", "unreadable file")):
-        (tmp_path / "metrics.json").write_text(content)
-        with pytest.raises(PorseError, match=said):
-            read_results(tmp_path)
 
 
 def test_an_installed_package_has_the_pages_templates(root):

@@ -22,6 +22,7 @@ from porse.config import load_params
 from porse.generation.states import checker
 from porse.inputs.stages import NO_RESULT, STAGES
 from porse.report.figures import chain_fitness
+from porse.report.results import read_results
 from porse.report.run import read_lineage
 from porse.training import evaluation
 from scripted import answer
@@ -115,10 +116,17 @@ def _long(request):
 def test_the_run_leaves_its_tables_and_metrics(recorded):
     results = {name: tables.read(recorded / "results" / f"{name}.parquet", tables.TABLES[name]) for name in (
         "candidates", "verdicts", "curves", "scores", "survivors", "mutants", "iterations", "replies")}  # fmt: skip
+    figures = read_results(recorded).figures
     metrics = json.loads((recorded / "metrics.json").read_text())
+    assert {name: metrics[name] for name in ("Task", "Method", "Seed")} == {
+        "Task": "Quadcopter",
+        "Method": "porse",
+        "Seed": 1,
+    }
+    assert all(figures[name] == metrics[name] for name in list(metrics)[3:])
     # Each iteration: 3 candidates x 1, 5 mutants x 1, 2 survivors x 1; allowed are 3 candidates x 2.
-    assert (metrics["epochs_spent"], metrics["epochs_allowed"]) == (2 * (3 + 5 + 2), 2 * 3 * 2)
-    assert metrics["environment_steps"] == 20 * 8 * 4
+    assert (figures["epochs_spent"], figures["epochs_allowed"]) == (2 * (3 + 5 + 2), 2 * 3 * 2)
+    assert figures["environment_steps"] == 20 * 8 * 4
     assert [row["varied"] for row in results["mutants"]] == ["beta"] * 5 + ["alpha"] * 5
     assert [row["origin"] for row in results["candidates"] if row["iteration"] == 2][:3] == ["new", "new", "elite"]
     broken = [row for row in results["verdicts"] if not row["passed"]]
@@ -128,16 +136,16 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
         0,
         "variable",
     )
-    assert metrics["replies"]["functions"] == len(results["verdicts"])
-    assert metrics["replies"]["valid"] == len(results["verdicts"]) - len(broken)
-    assert metrics["replies"]["all"] == len(results["replies"])
+    assert figures["functions"] == len(results["verdicts"])
+    assert figures["valid_functions"] == len(results["verdicts"]) - len(broken)
+    assert figures["replies"] == len(results["replies"])
     assert [row["iteration"] for row in results["iterations"]] == [1, 2]
     fitness = [row["value"] for row in results["curves"] if row["series"] == "fitness"]
     assert metrics["mts"] == max(fitness)
     # Two iterations of a chain that is fused: the run's winner is the last one.
     assert metrics["score"] == results["iterations"][-1]["score"]
-    assert metrics["final_success"]["episodes"] == 8
-    assert metrics["final_success"]["low"] < metrics["final_success"]["mean"] < metrics["final_success"]["high"]
+    assert figures["episodes"] == 8
+    assert figures["success_low"] < figures["success"] < figures["success_high"]
     assert len(fitness) == metrics["epochs_spent"]
 
 
@@ -152,7 +160,11 @@ def test_the_lineage_trained_again_with_the_runs_own_seed_is_the_run(recorded, t
 
 
 def test_dvc_sees_metrics_and_plots(recorded):
-    assert "final_success.low" in dvc(recorded, "metrics", "show").stdout
+    head, values = (line.split() for line in dvc(recorded, "metrics", "show").stdout.splitlines())
+    # DVC sorts names: whose run it is comes before its figures.
+    assert head[:4] == ["Path", "Method", "Seed", "Task"]
+    assert values[:4] == ["metrics.json", "porse", "1", "Quadcopter"]
+    assert {"score", "mts", "success"} <= {*head}
     assert dvc(recorded, "plots", "show").returncode == 0
 
 

@@ -1,6 +1,15 @@
 """Progress looks on: what a bar says, what the plan knows, and where a pipeline is."""
 
+import contextlib
+import fcntl
 import json
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
 
 import pytest
 from click.testing import CliRunner
@@ -9,6 +18,7 @@ from porse import status as status_module
 from porse.cli import main
 from porse.plan import planned, write_plan
 from porse.search.schedule import total_epochs
+from porse.stage import say
 from porse.training.bar import RungBar, in_words
 from porse.training.job import Ended, Outcome, Report
 
@@ -53,6 +63,69 @@ def test_the_json_mode_says_stage_and_time_left(capsys, monkeypatch, params, tmp
     assert (rows[0]["stage"], rows[0]["stages"]) == (2 + 18 + 3, 2 + 5 * 18 + 2)
     assert rows[0]["seconds_left"] is None
     assert rows[-1]["seconds_left"] > 0
+
+
+@pytest.mark.parametrize(
+    ("mode", "line"),
+    [
+        ("", "[20/94] 6 of 6 survive\n"),
+        ("auto", "[20/94] 6 of 6 survive\n"),
+        ("quiet", ""),
+        ("json", '{"event": "stage", "stage": 20, "stages": 94, "said": "6 of 6 survive"}\n'),
+    ],
+)
+def test_a_stage_says_a_line_with_its_number_as_the_mode_wants_it(mode, line, capsys, monkeypatch, params, tmp_path):
+    monkeypatch.setenv("PORSE_PROGRESS", mode)
+    monkeypatch.setenv("DVC_STAGE", "iterations/1/dvc.yaml:fuse")
+    say("6 of 6 survive")
+    assert ("[" in capsys.readouterr().out) is False
+    # resolve, begin, and the 18 of iteration 1, of which fuse is the last.
+    write_plan(tmp_path / "plan.json", params)
+    monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
+    say("6 of 6 survive")
+    assert capsys.readouterr().out == line
+
+
+RUNG_ON_A_TERMINAL = """
+import sys
+from porse.training.bar import RungBar
+from porse.training.job import Report
+with RungBar("iteration 2 rung mutants", 2, 6, 100) as bar:
+    for epoch, fitness in enumerate((-10.5, -110.25), 1):
+        for name in ("0123456789ab", "ba9876543210"):
+            bar.tell(Report(name, epoch, fitness))
+    bar._bars._progress.refresh()
+"""
+
+
+@pytest.mark.parametrize("rows", [24, 6])
+def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, params, tmp_path):
+    """A real terminal. Of six rows, the candidates get none."""
+    write_plan(tmp_path / "plan.json", params)
+    main_end, own_end = pty.openpty()
+    fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 80, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    process = subprocess.Popen(
+        [sys.executable, "-c", RUNG_ON_A_TERMINAL], stdout=own_end, stdin=own_end, stderr=subprocess.STDOUT,
+        env=environment | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"},
+    )  # fmt: skip
+    os.close(own_end)
+    written = b""
+    # Linux says that the other end is closed by an error.
+    with contextlib.suppress(OSError):
+        while piece := os.read(main_end, 65536):
+            written += piece
+    assert process.wait() == 0
+    os.close(main_end)
+    lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", written.decode()).replace("\r", "\n").splitlines()
+    assert max(len(line) for line in lines if "━" in line) <= 80
+    text = "\n".join(re.sub("[━╸╺ ]+", " ", line).strip() for line in lines)
+    # Two epochs of each of both; before this rung come the whole first iteration, and two rungs of the second.
+    assert re.search(r"^iteration 2 rung mutants 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
+    assert re.search(rf"^stage \d+ of 94 \d+/{total_epochs(params)} .* left over all$", text, re.MULTILINE)
+    assert ("0123456789ab 2/3 best fitness -10.500" in text) == (rows == 24)
+    # The bars go, and a line stays.
+    assert re.search(r"\] iteration 2 rung mutants: 2 candidates, 4 epochs, ", text)
 
 
 def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root, tmp_path):

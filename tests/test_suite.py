@@ -21,8 +21,9 @@ from porse.config import parse_params
 from porse.errors import ParamsError, PorseError
 from porse.identity import canonical_json
 from porse.pool import BEST, policy_file
+from porse.report.results import read_figures
 from porse.search.schedule import total_epochs
-from porse.suite.folders import folders_of, is_locked, locked, write_json
+from porse.suite.folders import folders_of, is_locked, locked, read_json, write_json
 from porse.suite.plan import load_suite, parse_suite
 from porse.suite.resolve import code_id, laid_over, resolve, tracked_files
 from porse.suite.status import rows, status_text, suite_status
@@ -231,7 +232,7 @@ def test_a_suite_runs_once_at_a_time(tmp_path):
     assert not is_locked(path)
 
 
-def metrics(
+def figures(
     mts: float,
     hns: float | None = None,
     std: float | None = None,
@@ -244,19 +245,19 @@ def metrics(
     return {
         "score": score,
         "mts": mts,
-        "hns": {"lineage": hns, "budget": budget},
-        "final_success": {"mean": 0.6 * mts, "low": 0.4 * mts, "high": 1.2 * mts, "episodes": 256},
-        "evaluation": {
-            "seeds": 2,
-            "failed": failed,
-            "score_mean": score,
-            "score_std": std,
-            "mts_mean": mts,
-            "mts_std": std,
-        },
+        "hns_lineage": hns,
+        "hns_budget": budget,
+        "success": 0.6 * mts,
+        "success_low": 0.4 * mts,
+        "success_high": 1.2 * mts,
+        "evaluation_failed": failed,
+        "evaluation_score_mean": score,
+        "evaluation_score_std": std,
+        "evaluation_mts_mean": mts,
+        "evaluation_mts_std": std,
         "epochs_spent": 90,
         "epochs_allowed": 2700,
-        "replies": {"valid_share": share},
+        "valid_share": share,
     }
 
 
@@ -269,15 +270,15 @@ CUPS = {
     "entries": [{"task": "Kettle", "method": method, "seed": 1} for method in ("human", "sparse")],
 }
 DONE = {
-    "SwingCup-human-1": metrics(0.025),
-    "SwingCup-human-2": metrics(0.03, hns=0.5),
-    "SwingCup-sparse-1": metrics(0.001),
-    "SwingCup-human-budget-1": metrics(0.205),
-    "SwingCup-sparse-budget-1": metrics(0.005),
-    "SwingCup-porse-1": metrics(0.995, hns=9.0, std=0.01, share=0.75, budget=8.0),
-    "SwingCup-porse-2": metrics(0.985, hns=7.5, failed=1, budget=2.25),
-    "Kettle-human-1": metrics(0.2),
-    "Kettle-sparse-1": metrics(0.2),
+    "SwingCup-human-1": figures(0.025),
+    "SwingCup-human-2": figures(0.03, hns=0.5),
+    "SwingCup-sparse-1": figures(0.001),
+    "SwingCup-human-budget-1": figures(0.205),
+    "SwingCup-sparse-budget-1": figures(0.005),
+    "SwingCup-porse-1": figures(0.995, hns=9.0, std=0.01, share=0.75, budget=8.0),
+    "SwingCup-porse-2": figures(0.985, hns=7.5, failed=1, budget=2.25),
+    "Kettle-human-1": figures(0.2),
+    "Kettle-sparse-1": figures(0.2),
 }
 
 TABLE = """\
@@ -315,8 +316,10 @@ is sqrt(2 x 0.0025^2) = 0.00354 about 0.0275, of 0.02 and 0.024 sqrt(2 x 0.002^2
 
 
 @pytest.fixture
-def cups(project) -> Path:
-    """A project whose suite `cups.yaml` has hand-made results."""
+def cups(project, monkeypatch) -> Path:
+    """A project whose suite `cups.yaml` has hand-made results: figures where tables would be."""
+    for module in ("status", "diff"):
+        monkeypatch.setattr(f"porse.suite.{module}.read_figures", lambda folder: read_json(folder / "metrics.json"))
     (project / "cups.yaml").write_text(yaml.safe_dump(CUPS))
     folders = folders_of("cups", project)
     code = code_id(project, tracked_files(project))
@@ -329,7 +332,7 @@ def cups(project) -> Path:
             lines = ["Running stage", "Error: expected water, found none", "ERROR: failed to reproduce 'train'"]
             write_json(folder / "failed.json", {**each.ids, "exit_code": 1, "last_lines": lines})
         elif each.entry.name == "SwingCup-porse-without-bonus-1":
-            write_json(folder / "metrics.json", metrics(0.5))
+            write_json(folder / "metrics.json", figures(0.5))
             write_json(folder / "done.json", {**each.ids, "code": "other"})
     return project
 
@@ -381,9 +384,15 @@ def test_the_status_as_json_has_the_unrounded_figures(cups, monkeypatch):
 def test_what_differs_from_earlier_results_is_this_table(cups, monkeypatch):
     folders = folders_of("cups", cups)
     # Half an MTS and a third of the epochs more; the same; and one that is outdated now.
-    write_json(folders.earlier("SwingCup-human-1") / "metrics.json", metrics(0.0125, hns=0.25) | {"epochs_spent": 60})
-    write_json(folders.earlier("Kettle-human-1") / "metrics.json", metrics(0.2))
-    write_json(folders.earlier("SwingCup-porse-without-bonus-1") / "metrics.json", metrics(0.25, share=0.5))
+    for name, before in (
+        ("SwingCup-human-1", figures(0.0125, hns=0.25) | {"epochs_spent": 60}),
+        ("Kettle-human-1", figures(0.2)),
+        ("SwingCup-porse-without-bonus-1", figures(0.25, share=0.5)),
+    ):
+        write_json(folders.earlier(name) / "metrics.json", before)
+        write_json(folders.earlier(name) / "done.json", {})
+    # One that had failed has no figures.
+    write_json(folders.earlier("Kettle-sparse-1") / "failed.json", {})
     monkeypatch.chdir(cups)
     done = CliRunner().invoke(main, ["suite", "status", "cups.yaml", "--diff"], catch_exceptions=False)
     assert done.output == DIFFERENCES
@@ -514,7 +523,9 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
     ran = re.findall(r"Running stage '([^']+)'", folders.log("Quadcopter-porse-1").read_text())
     assert ran == ["iterations/1/dvc.yaml:fuse", "evaluate", "summarise"]
     result = folders.result("Quadcopter-porse-1")
-    assert json.loads((result / "metrics.json").read_text())["replies"]["functions"] > 0
+    figures = read_figures(result)
+    assert figures["functions"] > 0
+    assert json.loads((result / "metrics.json").read_text())["mts"] == figures["mts"]
     assert yaml.safe_load((result / "params.yaml").read_text())["generator"] == "grammar"
     assert yaml.safe_load((result / "dvc.lock").read_text())["stages"]["summarise"]
     assert (result / "results" / "curves.parquet").is_file()

@@ -11,7 +11,7 @@ from porse.cli import main
 from porse.errors import PorseError
 from porse.report.figures import spread
 from porse.suite.compare import Figure, paired
-from porse.suite.folders import folders_of, write_json
+from porse.suite.folders import folders_of, read_json, write_json
 
 SUITE = """
 name: sizes
@@ -26,10 +26,11 @@ SCORES = {"none-3": 0.25, "none-4": 0.5, "some-3": 0.75, "some-4": 0.75, "some-8
 
 @pytest.fixture
 def sizes(tmp_path, monkeypatch):
+    monkeypatch.setattr("porse.suite.compare.read_figures", lambda folder: read_json(folder / "figures.json"))
     (tmp_path / "sizes.yaml").write_text(SUITE)
     for name, score in SCORES.items():
         result = folders_of("sizes", tmp_path).result(f"Quadcopter-porse-{name}")
-        write_json(result / "metrics.json", {"score": score, "final_success": {"mean": 2.0 * score}})
+        write_json(result / "figures.json", {"score": score, "success": 2.0 * score, "valid_share": None})
         write_json(result / "done.json", {})
         # Twelve epochs, of which the last ten count: 3, 4, ..., 12.
         rows = [
@@ -74,15 +75,13 @@ def test_a_comparison_is_printed_as_json(sizes):
     assert (score["figure"], score["seeds"], score["difference"]) == ("score", 3, 0.375)
 
 
-def test_nested_figures_of_the_metrics_are_found(sizes):
-    assert Figure("final_success.mean").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8")) == 1.75
-
-
 def test_an_unknown_baseline_or_figure_is_named(sizes):
     assert "expected a variant of the suite sizes, found 'non'; it has none, some" in str(
         compare("--baseline", "non").output
     )
-    with pytest.raises(PorseError, match=r"expected scores to be a number .* its series are progress/way"):
+    with pytest.raises(
+        PorseError, match=r"expected scores to be .* its figures are score, success, its series progress/way"
+    ):
         Figure("scores").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8"))
 
 
@@ -101,8 +100,8 @@ def test_few_pairs_have_no_interval_and_equal_ones_one_point():
     assert spread("score", [0.75, 1.0, 2.0]) == {"score_mean": 1.25, "score_std": pytest.approx(0.4375**0.5)}
 
 
-def test_figures_of_json_are_numbers_and_not_texts(sizes):
+def test_a_figure_that_is_undefined_is_none(sizes):
     result = folders_of("sizes", sizes).result("Quadcopter-porse-some-8")
-    (result / "metrics.json").write_text(json.dumps({"score": "0.5"}))
-    with pytest.raises(PorseError, match="expected score to be a number"):
-        Figure("score").of(result)
+    assert Figure("success").of(result) == 1.75
+    with pytest.raises(PorseError, match="expected valid_share to be a figure or a series"):
+        Figure("valid_share").of(result)

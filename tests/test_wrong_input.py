@@ -93,20 +93,11 @@ def test_a_read_only_target_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_file_where_a_folder_belongs_ends_in_a_sentence(tmp_path):
-    (tmp_path / "file").touch()
-    done = porse("results", "--metrics", str(tmp_path / "file" / "metrics.json"))
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(committed_params()))
+    (tmp_path / "results").touch()
+    done = porse("results", str(tmp_path))
     assert done.exit_code == 1
-    assert f"at {tmp_path / 'file' / 'metrics.json'}, found: Not a directory" in done.output
-
-
-@pytest.mark.parametrize(
-    ("text", "words"), [("{", "found no JSON"), ("[]", "found others"), ('{"mts": 1}', "found others")]
-)
-def test_metrics_that_are_none_are_refused(tmp_path, text, words):
-    (tmp_path / "metrics.json").write_text(text)
-    done = porse("results", "--metrics", str(tmp_path / "metrics.json"))
-    assert done.exit_code == 1
-    assert words in done.output
+    assert f"at {tmp_path / 'results' / 'iterations.parquet'}, found an unreadable file" in done.output
 
 
 def run_of(folder, parameters):
@@ -135,12 +126,17 @@ def test_results_of_another_task_say_so(root, tmp_path):
         'these results are another run\'s: expected task: "Over", seed: 7, as params.yaml says, found'
     )
     assert 'results of task: "Quadcopter", seed: 1; run `porse repro`' in said
-    metrics = tmp_path / "metrics.json"
-    metrics.write_text("{}")
-    assert "warning: these results are another run's" in porse("results", "--metrics", str(metrics), "--json").stderr
+    assert "warning: these results are another run's" in porse("results", str(tmp_path)).stderr
     # Without the inputs of the run, nothing is known.
+    content = cached.read_bytes()
     cached.unlink()
     assert another_run(tmp_path) is None
+    cached.write_bytes(content)
+    # A suite keeps no presets, and `porse demo` no lock.
+    (tmp_path / "presets").unlink()
+    assert another_run(tmp_path) == said
+    (tmp_path / "dvc.lock").unlink()
+    assert "warning" not in porse("results", str(tmp_path)).stderr
 
 
 def test_parameters_that_cannot_be_read_are_said(tmp_path):
@@ -359,10 +355,13 @@ def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path
         ["-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "start"],
     ):
         run(clone, "git", *words)
-    assert run(clone, str(BIN / "porse"), "results", PYTHONPATH=str(clone)).stderr == ""
+    # The tables are not in Git: all that there is to say is where they come from.
+    said = run(clone, str(BIN / "porse"), "results", check=False, PYTHONPATH=str(clone)).stderr
+    assert "another run" not in said
+    assert "results/iterations.parquet, found no such file; run `dvc repro` to make it" in said
     text = (clone / "params.yaml").read_text()
     (clone / "params.yaml").write_text(text.replace("task: Quadcopter", "task: Over"))
-    done = run(clone, str(BIN / "porse"), "results", PYTHONPATH=str(clone))
+    done = run(clone, str(BIN / "porse"), "results", check=False, PYTHONPATH=str(clone))
     assert 'these results are another run\'s: expected task: "Over"' in done.stderr
     assert 'found results of task: "Quadcopter"' in done.stderr
 

@@ -51,8 +51,8 @@ STAGES: dict[str, Stage] = {
     ),
     "summarise": Stage(
         "stages.summarise",
-        (*_ALL, "task", "candidate", "generate", "islands", "train", "probe", "eliminate", "mutate", "fuse",
-         "summarise", "iterations", "rungs"),
+        (*_ALL, "task", "method", "ablation", "seed", "candidate", "generate", "islands", "train", "probe", "eliminate",
+         "mutate", "fuse", "summarise", "iterations", "rungs"),
     ),
 }  # fmt: skip
 """The stages that have inputs, by the name that `dvc.yaml` gives them, without the rung."""

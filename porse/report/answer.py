@@ -88,27 +88,26 @@ def asked(params: Params) -> list[Fact]:
 
 def answers(results: Results) -> list[Fact]:
     """Returns what came out of the run, what matters most first."""
-    metrics, evaluation = results.metrics, results.metrics["evaluation"]
-    success = metrics["final_success"]
+    figures = results.figures
     solved = {row["outcome"] for row in results.evaluation.episodes} <= {0.0, 1.0}
     meaning = "share of whole episodes that it solved" if solved else "mean fitness over whole episodes"
     facts = [
         Fact(
             "Final success",
-            f"{figure(success['mean'])} ({figure(success['low'])} to {figure(success['high'])})",
-            f"of the winner's mean action: {meaning}, with the 95 % interval, {success['episodes']} episodes",
+            f"{figure(figures['success'])} ({figure(figures['success_low'])} to {figure(figures['success_high'])})",
+            f"of the winner's mean action: {meaning}, with the 95 % interval, {figures['episodes']} episodes",
         ),
-        Fact("Score", figure(metrics["score"]), _score_note(results.params)),
-        Fact("MTS", figure(metrics["mts"]), "the highest fitness of an epoch that any training reached"),
+        Fact("Score", figure(figures["score"]), _score_note(results.params)),
+        Fact("MTS", figure(figures["mts"]), "the highest fitness of an epoch that any training reached"),
     ]
-    facts += [_normalised(length, metrics["hns"][length], results.params) for length in LENGTHS]
+    facts += [_normalised(length, figures[f"hns_{length}"], results.params) for length in LENGTHS]
     for name, what in (("score", "Score"), ("mts", "MTS")):
-        mean, deviation = evaluation[f"{name}_mean"], evaluation[f"{name}_std"]
+        mean, deviation = figures[f"evaluation_{name}_mean"], figures[f"evaluation_{name}_std"]
         if mean is not None:
             spread = "" if deviation is None else f" ± {figure(deviation)}"
             note = "the lineage of winners, trained again; mean" + (" and deviation" if spread else "")
             facts.append(
-                Fact(f"{what}, {_count(evaluation['seeds'], 'further seed')}", f"{figure(mean)}{spread}", note)
+                Fact(f"{what}, {_count(figures['evaluation_seeds'], 'further seed')}", f"{figure(mean)}{spread}", note)
             )
     facts += [
         Fact(f"Seed {row['seed']}", "failed", row["failure"]) for row in results.evaluation.seeds if row["failure"]
@@ -118,7 +117,7 @@ def answers(results: Results) -> list[Fact]:
 
 def beside_paper(results: Results) -> list[Beside]:
     """Returns MTS and human normalised score beside those of the paper, then what differs; empty where it has no such task."""
-    params, metrics = results.params, results.metrics
+    params, figures = results.params, results.figures
     value = paper.find_mts(params.task, params.method, params.ablation)
     if value is None:
         return []
@@ -126,9 +125,9 @@ def beside_paper(results: Results) -> list[Beside]:
     longest = max(sum(1 for row in results.run.curves if _is_fitness_of(row, each)) for each in results.iterations)
     spread = "" if value.std is None else f" ± {figure(value.std)}"
     score = paper.find_score(params.task, params.method, params.ablation)
-    hns = metrics["hns"]["lineage"]
+    hns = figures["hns_lineage"]
     return [
-        Beside("MTS", figure(metrics["mts"]), f"{figure(value.mean)}{spread} (table {value.table})"),
+        Beside("MTS", figure(figures["mts"]), f"{figure(value.mean)}{spread} (table {value.table})"),
         Beside("Human normalised score", figure(hns), figure(score)),
         Beside("Seeds", "1", str(paper.SEEDS)),
         Beside("Simulator", "MuJoCo (docs/tasks.md)", paper.SIMULATOR),
@@ -136,7 +135,7 @@ def beside_paper(results: Results) -> list[Beside]:
         Beside("Environments", figure(own.num_envs), _given(theirs, "num_envs")),
         Beside("Steps of each in an epoch", figure(own.steps_per_epoch), _given(theirs, "steps_per_epoch")),
         Beside("Epochs of a winner in an iteration", figure(longest), figure(paper.POLICY_EPOCHS)),
-        Beside("Epochs of the whole run", figure(metrics["epochs_spent"]), figure(paper.EPOCHS)),
+        Beside("Epochs of the whole run", figure(figures["epochs_spent"]), figure(paper.EPOCHS)),
         Beside("Network", _network(own.hidden), _network(theirs["hidden"]) if theirs else "not known"),
     ]
 
@@ -299,19 +298,19 @@ def repliers(replies: Sequence[Row]) -> list[dict[str, Any]]:
 
 def budget(results: Results) -> list[Fact]:
     """Returns what was spent, of what was allowed."""
-    metrics = results.metrics
-    spent, allowed = metrics["epochs_spent"], metrics["epochs_allowed"]
+    figures = results.figures
+    spent, allowed = figures["epochs_spent"], figures["epochs_allowed"]
     share = f"{100 * spent / allowed:.0f} % of the {figure(allowed)} that any method may spend" if allowed else ""
     return [
         Fact("Epochs spent", figure(spent), share),
-        Fact("Environment steps", figure(metrics["environment_steps"])),
+        Fact("Environment steps", figure(figures["environment_steps"])),
         Fact("Epochs to the threshold", *_threshold(results)),
     ]
 
 
 def _threshold(results: Results) -> tuple[str, str]:
     threshold = results.params.summarise.thresholds.get(results.params.task)
-    reached = results.metrics.get("epochs_to_threshold")
+    reached = results.figures["epochs_to_threshold"]
     if threshold is None:
         return "undefined", f"no threshold is given for {results.params.task} (summarise.thresholds)"
     note = f"until a fitness first reached {figure(threshold)}"

@@ -1,12 +1,16 @@
-"""The figures of a run that its metrics report: pure functions over rows."""
+"""The figures of a run, flat and under one name each: pure functions over rows.
+
+`metrics.json`, `porse results --json`, `porse suite status --json` and `porse suite compare --figure` have them under these names.
+"""
 
 import math
 from collections.abc import Sequence
 from typing import Any
 
 from porse.config import EliminateParams, Params
-from porse.report.run import Run
+from porse.report.run import Evaluation, Run
 from porse.search.elimination import score_of
+from porse.search.schedule import allowed_epochs
 from porse.tables import Row
 
 CONFIDENCE = 0.95
@@ -14,6 +18,51 @@ CONFIDENCE = 0.95
 
 LENGTHS = ("lineage", "budget")
 """How long the policies were trained that the human normalised score is measured against."""
+
+
+def method_label(method: str, ablation: str) -> str:
+    """Returns what a method with an ablation is called in a table; the method alone where nothing is left out of it."""
+    return method if ablation == "none" else f"{method} {ablation}"
+
+
+def run_figures(iterations: Sequence[Row], evaluation: Evaluation, params: Params) -> dict[str, Any]:
+    """Returns a run's figures, but for those of `curve_figures`. One that is undefined is None.
+
+    Args:
+        iterations: rows of its iterations table.
+        evaluation: what `evaluate` found; its chain is the winning lineage.
+        params: the run's parameters.
+    """
+    score = {(row["iteration"], row["winner_id"]): row["score"] for row in iterations}
+    winner = evaluation.chain[-1]
+    functions, valid = (sum(row[name] for row in iterations) for name in ("replies", "valid_replies"))
+    mts = max(row["mts"] for row in iterations)
+    return {
+        "score": score[winner["iteration"], winner["candidate_id"]],
+        "mts": mts,
+        **task_scores(mts, params),
+        **final_success(evaluation.episodes),
+        **evaluation_figures(evaluation.rows, evaluation.seeds, params.eliminate),
+        "epochs_spent": sum(row["epochs"] for row in iterations),
+        "epochs_allowed": allowed_epochs(params),
+        "environment_steps": sum(row["environment_steps"] for row in iterations),
+        "functions": functions,
+        "valid_functions": valid,
+        "valid_share": valid / functions if functions else None,
+    }
+
+
+def curve_figures(run: Run, evaluation: Evaluation, params: Params) -> dict[str, Any]:
+    """Returns those figures of a run that need its long tables: curves, candidates, replies. An undefined one is None."""
+    return {
+        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, evaluation.chain)]),
+        "epochs_to_threshold": epochs_to(params.summarise.thresholds.get(params.task), run, params),
+        "failed_candidates": sum(bool(row["failure"]) for row in run.candidates),
+        "replies": len(run.replies),
+        "prompt_tokens": sum(row["prompt_tokens"] for row in run.replies),
+        "completion_tokens": sum(row["completion_tokens"] for row in run.replies),
+        "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
+    }
 
 
 def human_normalised_score(mts: float, human: float, sparse: float) -> float | None:
@@ -25,10 +74,10 @@ def task_scores(mts: float, params: Params) -> dict[str, float | None]:
     """Returns the human normalised score by the references of the run's task, of both lengths; None where there are none."""
     reference = params.summarise.references.get(params.task)
     if reference is None:
-        return dict.fromkeys(LENGTHS)
+        return {f"hns_{length}": None for length in LENGTHS}
     return {
-        "lineage": human_normalised_score(mts, reference.human.lineage, reference.sparse.lineage),
-        "budget": human_normalised_score(mts, reference.human.budget, reference.sparse.budget),
+        "hns_lineage": human_normalised_score(mts, reference.human.lineage, reference.sparse.lineage),
+        "hns_budget": human_normalised_score(mts, reference.human.budget, reference.sparse.budget),
     }
 
 
@@ -52,7 +101,12 @@ def final_success(episodes: Sequence[Row]) -> dict[str, Any]:
         low, high = stats.binomtest(outcomes.count(1.0), count).proportion_ci(CONFIDENCE, method="wilson")
     elif error := math.sqrt(math.fsum((outcome - mean) ** 2 for outcome in outcomes) / (count - 1) / count):
         low, high = stats.t.interval(CONFIDENCE, count - 1, loc=mean, scale=error)
-    return {"mean": mean, "low": float(f"{low:.6g}"), "high": float(f"{high:.6g}"), "episodes": count}
+    return {
+        "success": mean,
+        "success_low": float(f"{low:.6g}"),
+        "success_high": float(f"{high:.6g}"),
+        "episodes": count,
+    }
 
 
 def area_under_curve(fitness: Sequence[float]) -> float:
@@ -110,10 +164,10 @@ def evaluation_figures(rows: Sequence[Row], seeds: Sequence[Row], params: Elimin
     last = max((row["iteration"] for row in rows), default=0)
     scores = [score_of([row["fitness"] for row in each if row["iteration"] == last], params) for each in own]
     return {
-        "seeds": len(done),
-        "failed": len(seeds) - len(done),
-        **spread("score", scores),
-        **spread("mts", [max(row["fitness"] for row in each) for each in own]),
+        "evaluation_seeds": len(done),
+        "evaluation_failed": len(seeds) - len(done),
+        **spread("evaluation_score", scores),
+        **spread("evaluation_mts", [max(row["fitness"] for row in each) for each in own]),
     }
 
 

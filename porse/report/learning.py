@@ -10,7 +10,6 @@ published curve on a straight line.
 """
 
 import csv
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -71,9 +70,10 @@ def learned(result: Path) -> Learned:
     """Returns what a finished run learned.
 
     Args:
-        result: a folder with the run's `params.yaml`, `metrics.json` and `results/`.
+        result: a folder with the run's `params.yaml` and `results/`.
     """
-    metrics = json.loads((result / "metrics.json").read_text(encoding="utf-8"))
+    iterations = tables.read(result / "results" / "iterations.parquet", tables.ITERATIONS)
+    episodes = tables.read(result / "results" / "episodes.parquet", tables.EPISODES)
     curves = tables.read(result / "results" / "curves.parquet", tables.CURVES)
     series: dict[str, list[float]] = {"fitness": [], "goal": [], "episode_length": []}
     for row in sorted(curves, key=lambda row: row["epoch"]):
@@ -81,11 +81,11 @@ def learned(result: Path) -> Learned:
             series[row["series"]].append(row["value"])
     return Learned(
         task=load_params(result / "params.yaml").task,
-        steps=metrics["environment_steps"],
+        steps=sum(row["environment_steps"] for row in iterations),
         start=fmean(series["fitness"][:EPOCHS]),
         end=fmean(series["fitness"][-EPOCHS:]),
-        mts=metrics["mts"],
-        final=metrics["final_success"]["mean"],
+        mts=max(row["mts"] for row in iterations),
+        final=fmean(row["outcome"] for row in episodes),
         returned=fmean(series["goal"][-EPOCHS:]) * fmean(series["episode_length"][-EPOCHS:]),
     )
 

@@ -103,7 +103,7 @@ class Page:
     weights: Sequence[Mapping[str, Any]]
     weights_chart: Chart
     iterations: Sequence[Row]
-    replies: Mapping[str, Any]
+    figures: Mapping[str, Any]
     repliers: Sequence[Mapping[str, Any]]
     budget: Sequence[Fact]
     environment: Mapping[str, str]
@@ -142,7 +142,7 @@ def page_of(results: Results, film: Film) -> Page:
         weights(results),
         weights_chart(results),
         results.iterations,
-        results.metrics["replies"],
+        results.figures,
         repliers(run.replies),
         budget(results),
         results.environment,

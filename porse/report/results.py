@@ -1,4 +1,7 @@
-"""A finished run as its folder shows it to everybody: params.yaml, results/ and metrics.json, and no folder of a stage."""
+"""A finished run as its folder shows it to everybody: params.yaml and results/, and no folder of a stage.
+
+`metrics.json` is for DVC and is not read: all that it says follows from the tables.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,14 +13,10 @@ from porse import tables
 from porse.config import ROOT, Params, load_params
 from porse.errors import PorseError
 from porse.report.agreement import check_agreement
+from porse.report.figures import curve_figures, run_figures
 from porse.report.run import Evaluation, Run
 from porse.search.lineage import lineage
 from porse.tables import Row, Table
-
-_FIGURES = (
-    "score", "mts", "hns", "final_success", "evaluation", "epochs_spent", "epochs_allowed", "environment_steps", "replies",
-)  # fmt: skip
-"""What a page needs of `metrics.json`."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Results:
         run: the rows of its tables.
         iterations: rows of its iterations table.
         evaluation: how the lineage of winners did with further seeds, and in whole episodes.
-        metrics: what `metrics.json` holds.
+        figures: its figures (`porse.report.figures`), those of the curves among them.
         environment: the manifest of the machine that made it; empty where it was not kept.
     """
 
@@ -37,7 +36,7 @@ class Results:
     run: Run
     iterations: Sequence[Row]
     evaluation: Evaluation
-    metrics: Mapping[str, Any]
+    figures: Mapping[str, Any]
     environment: Mapping[str, str]
 
 
@@ -47,34 +46,56 @@ def read_results(folder: Path) -> Results:
     Raises:
         ParamsError: there are no parameters, or they are wrong.
         TableError: a table is missing or is not as declared, or one does not agree with another.
-        PorseError: there are no metrics, they are another version's, or the run had no iteration.
+        PorseError: the run had no iteration.
     """
+    params, iterations, candidates, held, evaluation = _answer(folder)
+    run = Run(
+        _rows(folder, tables.REPLIES),
+        _rows(folder, tables.VERDICTS),
+        candidates,
+        _rows(folder, tables.CURVES),
+        _rows(folder, tables.SCORES),
+        _rows(folder, tables.SURVIVORS),
+        _rows(folder, tables.MUTANTS),
+        held,
+    )
+    check_agreement(run, iterations, evaluation, params, str(folder / "results"))
+    figures = run_figures(iterations, evaluation, params) | curve_figures(run, evaluation, params)
+    return Results(params, run, iterations, evaluation, figures, _environment(folder))
+
+
+def read_figures(folder: Path) -> dict[str, Any]:
+    """Returns the figures of the finished run in `folder` that follow from its short tables: `run_figures`.
+
+    Raises:
+        ParamsError: there are no parameters, or they are wrong.
+        TableError: a table is missing or is not as declared.
+        PorseError: the run had no iteration.
+    """
+    params, iterations, _, _, evaluation = _answer(folder)
+    return run_figures(iterations, evaluation, params)
+
+
+def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Evaluation]:
+    """Returns parameters, rows of iterations, of candidates and of incumbents, and the evaluation."""
     # A run elsewhere may have come with its presets; one that did not has those of the project we are in.
     params = load_params(folder / "params.yaml", folder if (folder / "presets").is_dir() else ROOT)
-
-    def rows(table: Table) -> list[Row]:
-        return tables.read(folder / "results" / f"{table.name}.parquet", table)
-
-    iterations, candidates = rows(tables.ITERATIONS), rows(tables.CANDIDATES)
+    iterations, candidates = _rows(folder, tables.ITERATIONS), _rows(folder, tables.CANDIDATES)
     if not iterations:
         raise PorseError(
             f"expected an iteration in {folder / 'results' / 'iterations.parquet'}, found none; run `dvc repro` first"
         )
     held = incumbents(iterations, candidates, params)
-    run = Run(
-        rows(tables.REPLIES),
-        rows(tables.VERDICTS),
-        candidates,
-        rows(tables.CURVES),
-        rows(tables.SCORES),
-        rows(tables.SURVIVORS),
-        rows(tables.MUTANTS),
-        [row for row, _ in held],
+    winners = [row for row, _ in held]
+    chain = lineage(winners, [score for _, score in held], params)
+    evaluation = Evaluation(
+        chain, _rows(folder, tables.EVALUATION), _rows(folder, tables.SEEDS), _rows(folder, tables.EPISODES)
     )
-    chain = lineage(run.incumbents, [score for _, score in held], params)
-    evaluation = Evaluation(chain, rows(tables.EVALUATION), rows(tables.SEEDS), rows(tables.EPISODES))
-    check_agreement(run, iterations, evaluation, params, str(folder / "results"))
-    return Results(params, run, iterations, evaluation, read_metrics(folder / "metrics.json"), _environment(folder))
+    return params, iterations, candidates, winners, evaluation
+
+
+def _rows(folder: Path, table: Table) -> list[Row]:
+    return tables.read(folder / "results" / f"{table.name}.parquet", table)
 
 
 def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Params) -> list[tuple[Row, float]]:
@@ -99,23 +120,6 @@ def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Par
         stays = params.fuse.incumbent == "best" and held and row["score"] <= held[-1][1]
         held.append(held[-1] if stays else (by_id[name], row["score"]))
     return held
-
-
-def read_metrics(path: Path) -> Mapping[str, Any]:
-    """Returns what a run's `metrics.json` holds.
-
-    Raises:
-        PorseError: there is no such file, it holds no JSON object, or it is another version's.
-    """
-    found = _json(path)
-    if found is None:
-        raise PorseError(f"expected the metrics of a run at {path}, found no such file; run `dvc repro` first")
-    missing = [name for name in _FIGURES if name not in found]
-    if missing:
-        raise PorseError(
-            f"expected {', '.join(_FIGURES)} in {path}, found no {', '.join(missing)}; the file is of another version: run `dvc repro`"
-        )
-    return found
 
 
 def _environment(folder: Path) -> Mapping[str, str]:

@@ -9,21 +9,13 @@ from typing import Any
 
 from porse import tables
 from porse.config import Params
-from porse.report.figures import (
-    area_under_curve,
-    chain_fitness,
-    epochs_to,
-    evaluation_figures,
-    final_success,
-    task_scores,
-)
+from porse.report.figures import chain_fitness, method_label, run_figures
 from porse.report.plots import bonus_rows, component_rows, spread_rows
 from porse.report.run import Evaluation, Run
-from porse.search.schedule import allowed_epochs
 from porse.tables import Row, Table
 
-_BY_ITERATION = ("score", "mts", "beta", "alpha", "bonus_share", "cells_visited", "new_cells")
-"""What metrics say of each iteration."""
+_SHOWN = ("score", "mts", "hns_lineage", "success", "epochs_spent", "valid_share")
+"""The figures that DVC shows: few, so that a line of them fits a terminal. `porse results --json` has all."""
 
 
 def iteration_rows(run: Run, params: Params) -> list[Row]:
@@ -68,34 +60,18 @@ def _iteration_row(run: Run, winner: Row, survivor: Row, params: Params) -> Row:
     }
 
 
-def metrics(run: Run, iterations: Sequence[Row], evaluation: Evaluation, params: Params) -> dict[str, Any]:
-    """Returns the run's metrics, for `dvc metrics diff`. An undefined one is null."""
-    score = {(row["iteration"], row["winner_id"]): row["score"] for row in iterations}
-    winner = evaluation.chain[-1]
-    replies, valid = (sum(row[name] for row in iterations) for name in ("replies", "valid_replies"))
-    mts = max(row["mts"] for row in iterations)
+def metrics(iterations: Sequence[Row], evaluation: Evaluation, params: Params) -> dict[str, Any]:
+    """Returns the run's metrics, which DVC shows and compares: whose they are, then its figures. An undefined one is null.
+
+    DVC sorts names, capitals first; and were the first three called as parameters are, `dvc exp show` would put the names of
+    files before both.
+    """
+    figures = run_figures(iterations, evaluation, params)
     return {
-        "score": score[winner["iteration"], winner["candidate_id"]],
-        "mts": mts,
-        "hns": task_scores(mts, params),
-        "final_success": final_success(evaluation.episodes),
-        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, evaluation.chain)]),
-        "epochs_to_threshold": epochs_to(params.summarise.thresholds.get(params.task), run, params),
-        "evaluation": evaluation_figures(evaluation.rows, evaluation.seeds, params.eliminate),
-        "epochs_spent": sum(row["epochs"] for row in iterations),
-        "epochs_allowed": allowed_epochs(params),
-        "environment_steps": sum(row["environment_steps"] for row in iterations),
-        "failed_candidates": sum(bool(row["failure"]) for row in run.candidates),
-        "replies": {
-            "functions": replies,
-            "valid": valid,
-            "valid_share": valid / replies if replies else None,
-            "all": len(run.replies),
-            "prompt_tokens": sum(row["prompt_tokens"] for row in run.replies),
-            "completion_tokens": sum(row["completion_tokens"] for row in run.replies),
-            "recorded_usd": math.fsum(row["recorded_usd"] for row in run.replies),
-        },
-        "by_iteration": {str(row["iteration"]): {name: row[name] for name in _BY_ITERATION} for row in iterations},
+        "Task": params.task,
+        "Method": method_label(params.method, params.ablation),
+        "Seed": params.seed,
+        **{name: figures[name] for name in _SHOWN},
     }
 
 
@@ -124,7 +100,7 @@ def write_summary(
     }
     for table, rows in written.items():
         tables.write(results / f"{table.name}.parquet", table, rows)
-    text = json.dumps(metrics(run, iterations, evaluation, params), indent=2, sort_keys=True)
+    text = json.dumps(metrics(iterations, evaluation, params), indent=2)
     metrics_file.write_text(f"{text}\n", encoding="utf-8")
     points = enumerate(chain_fitness(run.curves, evaluation.chain), start=1)
     lines = ([epoch, fitness, link["candidate_id"]] for epoch, (link, fitness) in points)

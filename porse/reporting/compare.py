@@ -8,7 +8,7 @@ from typing import Any
 from porse.errors import PorseError
 from porse.report import paper
 from porse.report.charts import Chart, Edge, Line, Point
-from porse.report.figures import spread
+from porse.report.figures import method_label, spread
 from porse.report.trends import Finished, read_finished, trends, winners_fitness
 from porse.reporting.sources import Done, Sources
 from porse.suite.compare import mean_interval, paired
@@ -127,8 +127,8 @@ def comparison(sources: Sources, baseline: str) -> Comparison:
 
 def _label(row: Mapping[str, Any]) -> str:
     """Returns what a run is called in a table: its method, with its ablation and its variant where it has them."""
-    ablation = "" if row["ablation"] == "none" else f" {row['ablation']}"
-    return f"{row['method']}{ablation}" + (f" ({row['variant']})" if row["variant"] else "")
+    label = method_label(row["method"], row["ablation"])
+    return f"{label} ({row['variant']})" if row["variant"] else label
 
 
 def _cell(
@@ -185,8 +185,8 @@ def _weights(runs: Sequence[Finished]) -> list[dict[str, Any]]:
 
 def _budget(group: Group, runs: Sequence[Done]) -> dict[str, Any]:
     names = ("epochs_spent", "epochs_allowed", "environment_steps")
-    metrics = [run.status.metrics or {} for run in runs]
-    means = {name: math.fsum(each[name] for each in metrics) / len(metrics) for name in names}
+    figures = [run.status.figures or {} for run in runs]
+    means = {name: math.fsum(each[name] for each in figures) / len(figures) for name in names}
     return {"task": group[0], "label": group[1], "runs": len(runs), **means}
 
 

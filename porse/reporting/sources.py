@@ -7,7 +7,7 @@ from pathlib import Path
 
 from porse.config import ROOT, load_params
 from porse.errors import PorseError
-from porse.report.results import read_metrics
+from porse.report.results import read_figures
 from porse.suite.folders import folders_of
 from porse.suite.plan import Entry, load_suite
 from porse.suite.status import Status, suite_status
@@ -15,7 +15,7 @@ from porse.suite.status import Status, suite_status
 
 @dataclass(frozen=True)
 class Done:
-    """A finished run: its status as a suite has it, and the folder of its `params.yaml`, `metrics.json` and `results/`."""
+    """A finished run: its status as a suite has it, and the folder of its `params.yaml` and `results/`."""
 
     status: Status
     folder: Path
@@ -37,7 +37,8 @@ def read_sources(paths: Sequence[Path]) -> Sources:
 
     Raises:
         ParamsError: a suite's file or a run's parameters are wrong.
-        PorseError: there is no run, a run has no metrics, or two runs cannot be told apart.
+        TableError: a table of a run is missing or is not as declared.
+        PorseError: there is no run, or two runs cannot be told apart.
     """
     found: list[tuple[str, list[Done]]] = []
     left_out = []
@@ -81,7 +82,7 @@ def _suite(path: Path) -> tuple[list[Done], str]:
 def _run(folder: Path) -> Done:
     params = load_params(folder / "params.yaml", folder if (folder / "presets").is_dir() else ROOT)
     entry = Entry(params.task, params.method, params.ablation, "", params.seed, {})
-    return Done(Status(entry, "done", read_metrics(folder / "metrics.json"), None), folder)
+    return Done(Status(entry, "done", read_figures(folder), None), folder)
 
 
 def _key(run: Done) -> tuple[str, str, str, str, int]:

@@ -66,7 +66,7 @@ def status(file: Path, diff: bool, as_json: bool) -> None:
     multiple=True,
     default=("score",),
     show_default=True,
-    help="A number of metrics.json or a series of the curves; may be given several times.",
+    help="A figure, as `porse results --json` names it, or a series of the curves; may be given several times.",
 )
 @click.option("--csv", "target", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")

@@ -1,7 +1,6 @@
 """Variants of a suite against one of them, seed by seed: mean differences with bootstrap intervals."""
 
 import csv
-import json
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,6 +14,7 @@ from scipy.stats import bootstrap
 from porse import tables
 from porse.errors import PorseError
 from porse.report.figures import spread
+from porse.report.results import read_figures
 from porse.suite.folders import Folders
 from porse.suite.plan import Entry, Suite
 from porse.suite.status import aligned
@@ -34,7 +34,7 @@ class Figure:
     """One figure of a run.
 
     Attributes:
-        name: a dotted name in `metrics.json`, as `score` or `final_success.mean`, or a series of the curves, as
+        name: one of `porse.report.figures.run_figures`, as `score` or `success`, or a series of the curves, as
             `progress/opening`, of the candidate that was trained longest.
     """
 
@@ -45,19 +45,18 @@ class Figure:
 
         Raises:
             PorseError: the run has no such figure.
+            TableError: a table of the run is missing or is not as declared.
         """
-        value = json.loads((result / "metrics.json").read_text(encoding="utf-8"))
-        for key in self.name.split("."):
-            value = value.get(key) if isinstance(value, Mapping) else None
-        if isinstance(value, int | float):
-            return float(value)
+        figures = read_figures(result)
+        if figures.get(self.name) is not None:
+            return float(figures[self.name])
         rows = tables.read(result / "results" / "curves.parquet", tables.CURVES)
         series = sorted((row["epoch"], row["value"]) for row in rows if row["series"] == self.name)
         if not series:
             names = ", ".join(sorted({row["series"] for row in rows}))
             raise PorseError(
-                f"expected {self.name} to be a number in metrics.json or a series of the curves in {result}, found "
-                f"neither; its series are {names}"
+                f"expected {self.name} to be a figure or a series of the curves of the run in {result}, found neither; its "
+                f"figures are {', '.join(name for name in figures if figures[name] is not None)}, its series {names}"
             )
         last = [value for _, value in series[-_LAST_EPOCHS:]]
         return math.fsum(last) / len(last)

@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from porse.suite.folders import folders_of, read_json
+from porse.report.results import read_figures
+from porse.suite.folders import folders_of
 from porse.suite.plan import Suite
 from porse.suite.status import Status, aligned, rows
 
@@ -26,14 +27,16 @@ def suite_diff(suite: Suite, statuses: Sequence[Status], root: Path) -> list[dic
     Returns:
         One row for each entry and figure that differ: `before`, `now`, and `change`, now - before. A figure is None
         where an entry has no result, or had none; an entry without an earlier result has no row.
+
+    Raises:
+        TableError: a table of an earlier result is missing or is not as declared.
     """
     folders = folders_of(suite.name, root)
-    earlier = [
-        replace(
-            status, state="done", reason=None, metrics=read_json(folders.earlier(status.entry.name) / "metrics.json")
-        )
-        for status in statuses
-    ]
+    earlier = []
+    for status in statuses:
+        folder = folders.earlier(status.entry.name)
+        figures = read_figures(folder) if (folder / "done.json").is_file() else None
+        earlier.append(replace(status, state="done", reason=None, figures=figures))
     found: list[dict[str, Any]] = []
     for before, now in zip(rows(earlier), rows(statuses), strict=True):
         found += [] if before["mts"] is None else _differences(before, now)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from porse.report.figures import human_normalised_score, spread
+from porse.report.results import read_figures
 from porse.suite.folders import Folders, folders_of, is_locked, read_json
 from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
@@ -28,13 +29,13 @@ class Status:
 
     Attributes:
         state: `partial` began and was interrupted; `outdated` was done with other parameters or other code.
-        metrics: the run's `metrics.json` where it is done, else None.
+        figures: the run's (`porse.report.figures.run_figures`) where it is done, else None.
         reason: why it failed, else None.
     """
 
     entry: Entry
     state: State
-    metrics: Mapping[str, Any] | None
+    figures: Mapping[str, Any] | None
     reason: str | None
 
 
@@ -48,6 +49,7 @@ def suite_status(suite: Suite, root: Path, where: str) -> list[Status]:
 
     Raises:
         ParamsError: the parameters of an entry are wrong.
+        TableError: a table of a result is missing or is not as declared.
         PorseError: `root` is no Git repository.
     """
     folders = folders_of(suite.name, root)
@@ -59,7 +61,7 @@ def suite_status(suite: Suite, root: Path, where: str) -> list[Status]:
 def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
     name = resolved.entry.name
     if is_done(folders, resolved):
-        return Status(resolved.entry, "done", read_json(folders.result(name) / "metrics.json"), None)
+        return Status(resolved.entry, "done", read_figures(folders.result(name)), None)
     reason = failure(folders, name)
     current = read_json(folders.current)
     state: State = "waiting"
@@ -82,15 +84,15 @@ def rows(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     against the references of `params.yaml`.
     """
     measured = {
-        (status.entry.method, status.entry.task, status.entry.variant, status.entry.seed): status.metrics["mts"]
+        (status.entry.method, status.entry.task, status.entry.variant, status.entry.seed): status.figures["mts"]
         for status in statuses
-        if status.metrics is not None and status.entry.ablation == "none"
+        if status.figures is not None and status.entry.ablation == "none"
     }
     return [_row(status, measured) for status in statuses]
 
 
 def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) -> dict[str, Any]:
-    entry, metrics = status.entry, status.metrics
+    entry, figures = status.entry, status.figures
     row = {
         "entry": entry.name,
         "task": entry.task,
@@ -101,33 +103,16 @@ def _row(status: Status, measured: Mapping[tuple[str, str, str, int], float]) ->
         "state": status.state,
         "reason": status.reason,
     }
-    if metrics is None:
+    if figures is None:
         return row | dict.fromkeys(_FIGURES)
-    hns = dict(metrics["hns"])
+    found = {name: figures[name] for name in _FIGURES}
     for length, end in (("lineage", ""), ("budget", "-budget")):
         human, sparse = (
             measured.get((f"{method}{end}", entry.task, entry.variant, entry.seed)) for method in ("human", "sparse")
         )
         if human is not None and sparse is not None:
-            hns[length] = human_normalised_score(metrics["mts"], human, sparse)
-    success = metrics["final_success"]
-    return row | {
-        "score": metrics["score"],
-        "mts": metrics["mts"],
-        "hns_lineage": hns["lineage"],
-        "hns_budget": hns["budget"],
-        "success": success["mean"],
-        "success_low": success["low"],
-        "success_high": success["high"],
-        "evaluation_score_mean": metrics["evaluation"]["score_mean"],
-        "evaluation_score_std": metrics["evaluation"]["score_std"],
-        "evaluation_mts_mean": metrics["evaluation"]["mts_mean"],
-        "evaluation_mts_std": metrics["evaluation"]["mts_std"],
-        "evaluation_failed": metrics["evaluation"]["failed"],
-        "epochs_spent": metrics["epochs_spent"],
-        "epochs_allowed": metrics["epochs_allowed"],
-        "valid_share": metrics["replies"]["valid_share"],
-    }
+            found[f"hns_{length}"] = human_normalised_score(figures["mts"], human, sparse)
+    return row | found
 
 
 def summary(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ All of it looks on. Nothing here reaches a result, so that the variables below a
 | variable | meaning | default |
 | --- | --- | --- |
 | `PORSE_PROGRESS` | `auto`: bars where there is a terminal, else one line a rung; `quiet`: failures alone; `json`: a JSON object a line | `auto` |
-| `PORSE_PLAN` | the file in which `porse repro` says what comes after this rung | none |
+| `PORSE_PLAN` | the file in which `porse repro` says what the stages are, and what comes after each rung | none |
 | `PORSE_TENSORBOARD` | the folder that event files go to, one folder in it for each training | none |
 """
 
@@ -21,14 +21,18 @@ from typing import Any
 import click
 
 from porse.errors import ParamsError
+from porse.stage import PLAN_VARIABLE, PROGRESS_VARIABLE
 from porse.training.job import Ended, Report
 
-PROGRESS_VARIABLE, PLAN_VARIABLE, TENSORBOARD_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN", "PORSE_TENSORBOARD"
+TENSORBOARD_VARIABLE = "PORSE_TENSORBOARD"
 
 _MODES = ("auto", "quiet", "json")
 
 ROOM_FOR = 12
 """So many candidates get a bar of their own, where the terminal is high enough."""
+
+_BAR, _WORDS = (8, 40), 72
+"""The least and the greatest width of a bar, and what names, numbers and words beside it take: with 80 columns nothing is cut."""
 
 
 class RungBar:
@@ -48,8 +52,11 @@ class RungBar:
         self._failures: list[tuple[str, str]] = []
         self._started = time.monotonic()
         self._mode = _mode()
-        self._stage, self._stages, self._after = _planned(label)
-        self._bars = _Bars(self._head(), candidates, epochs) if self._mode == "auto" and sys.stdout.isatty() else None
+        self._stage, self._stages, self._after, whole = _planned(label)
+        self._bars = None
+        if self._mode == "auto" and sys.stdout.isatty():
+            head = f"stage {self._stage} of {self._stages}" if self._stages else ""
+            self._bars = _Bars(head, whole, whole - self._after - epochs, label, candidates, epochs)
         folder = os.environ.get(TENSORBOARD_VARIABLE, "")
         self._events = _Events(Path(folder) / label.replace(",", "").replace(" ", "-")) if folder else None
 
@@ -83,7 +90,7 @@ class RungBar:
             self._best = max(self._best, event.fitness)
             self._done += 1
             if self._bars:
-                self._bars.advance(event.name, f"{self._figures()}{self._left()}", event.fitness)
+                self._bars.advance(event.name, self._figures(), self._left(), event.fitness)
             elif self._mode == "json":
                 self._tell_json("epoch", candidate=event.name, epoch=event.epoch, fitness=event.fitness)
         else:
@@ -111,7 +118,7 @@ class RungBar:
 
     def _left(self) -> str:
         seconds = self._seconds_left()
-        return "" if seconds is None else f", {in_words(seconds)} left over all"
+        return "" if seconds is None else f"{in_words(seconds)} left over all"
 
     def _tell_json(self, event: str, **more: Any) -> None:
         left = self._seconds_left()
@@ -168,20 +175,29 @@ def in_words(seconds: float) -> str:
     return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def _planned(label: str) -> tuple[int, int, int]:
-    """Returns the stage of a rung, the number of stages, and the epochs that come after it; zeros without a plan."""
+def _planned(label: str) -> tuple[int, int, int, int]:
+    """Returns the stage of a rung, the number of stages, the epochs that come after it and those of the whole run; zeros without a plan."""
     try:
         plan = json.loads(Path(os.environ[PLAN_VARIABLE]).read_text(encoding="utf-8"))
-        return plan["rungs"][label]["stage"], plan["stages"], plan["rungs"][label]["epochs_after"]
+        return plan["rungs"][label]["stage"], plan["stages"], plan["rungs"][label]["epochs_after"], plan["epochs"]
     except (KeyError, OSError, ValueError):
         # A bar without a plan shows its rung alone.
-        return 0, 0, 0
+        return 0, 0, 0, 0
 
 
 class _Bars:
-    """Rich's bars: one for the rung, and one for each candidate where there is room."""
+    """Rich's bars: one for the whole run, one for the rung, and one for each candidate where there is room.
 
-    def __init__(self, head: str, candidates: int, epochs: int) -> None:
+    Args:
+        head: which stage it is; empty where nobody knows, and the run has no bar.
+        whole: epochs of the run.
+        done: those before this rung.
+        label: which rung.
+        candidates: how many candidates are trained.
+        epochs: epochs over all of them.
+    """
+
+    def __init__(self, head: str, whole: int, done: int, label: str, candidates: int, epochs: int) -> None:
         # Imported here: a run without a terminal needs none of it.
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -189,13 +205,14 @@ class _Bars:
         console = Console()
         columns = (
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(max(_BAR[0], min(_BAR[1], console.width - _WORDS))),
             MofNCompleteColumn(),
             TextColumn("{task.fields[said]}"),
         )
         self._progress = Progress(*columns, console=console, transient=True)
-        self._rung = self._progress.add_task(head, total=epochs, said="")
-        self._has_room = 1 < candidates <= min(ROOM_FOR, console.height - 4)
+        self._whole = self._progress.add_task(head, total=whole, completed=done, said="") if head else None
+        self._rung = self._progress.add_task(label, total=epochs, said="")
+        self._has_room = 1 < candidates <= min(ROOM_FOR, console.height - 5)
         self._each, self._own = epochs / max(candidates, 1), dict[str, tuple[Any, float]]()
 
     def start(self) -> None:
@@ -204,9 +221,11 @@ class _Bars:
     def stop(self) -> None:
         self._progress.stop()
 
-    def advance(self, name: str, said: str, fitness: float) -> None:
-        """Moves the rung's bar and the candidate's by one epoch."""
+    def advance(self, name: str, said: str, left: str, fitness: float) -> None:
+        """Moves the rung's bar, the candidate's and the run's by one epoch."""
         self._progress.update(self._rung, advance=1, said=said)
+        if self._whole is not None:
+            self._progress.update(self._whole, advance=1, said=left)
         if not self._has_room:
             return
         if name not in self._own:
