@@ -39,7 +39,10 @@ class Parts(HTMLParser):
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site") / "site"
     done = subprocess.run(
-        [*BUILD, "--site-dir", str(folder)], env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+        [*BUILD, "--site-dir", str(folder)],
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     return folder

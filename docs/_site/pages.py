@@ -36,15 +36,17 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     while waiting:
         path = waiting.pop()
         text = _text(path)
-        if not path.startswith(DOCS):
+        if not _is_document(path):
             files.append(File.generated(config, _uri(path), content=text))
         if not path.endswith(".md") and not (ROOT / path).is_dir():
             continue
         for target in _targets(path, text):
-            if target not in seen and not target.startswith(DOCS):
+            if target not in seen and not _is_document(target):
                 seen.add(target)
                 waiting.append(target)
-    files.append(File.generated(config, "assets/iframe-worker.js", abs_src_path=str(Path(__file__).with_name("search.js"))))
+    files.append(
+        File.generated(config, "assets/iframe-worker.js", abs_src_path=str(Path(__file__).with_name("search.js")))
+    )
     return files
 
 
@@ -83,13 +85,19 @@ def _absolute(path: str, target: str) -> str:
     folder = path if (ROOT / path).is_dir() else posixpath.dirname(path)
     found = posixpath.normpath(posixpath.join(folder, target))
     if found.startswith("..") or not (ROOT / found).exists():
-        raise PluginError(f"Expected a file or a folder of the project at {target}, which {path} links to; there is none.")
+        raise PluginError(
+            f"Expected a file or a folder of the project at {target}, which {path} links to; there is none."
+        )
     return found
+
+
+def _is_document(path: str) -> bool:
+    return path.startswith(DOCS) and not (ROOT / path).is_dir()
 
 
 def _uri(path: str) -> str:
     """Returns where the site has a file or a folder of the project."""
-    if path.startswith(DOCS) and not (ROOT / path).is_dir():
+    if _is_document(path):
         return path.removeprefix(DOCS)
     if path in PAGES:
         return PAGES[path]
