@@ -90,13 +90,13 @@ class _Porse(click.Group):
 @click.group(cls=_Porse)
 @click.version_option(__version__)
 def main() -> None:
-    """Robot skills without a hand-written reward, replayable offline. The pipeline itself is `dvc repro`."""
+    """Train robot skills with rewards written by a language model. `porse repro` runs the pipeline."""
 
 
 @main.command("tables")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_tables(as_json: bool) -> None:
-    """Print the data dictionary: what a row and a column of each table mean."""
+    """Print the data dictionary: the rows and columns of each table."""
     if as_json:
         found = [
             {
@@ -124,7 +124,7 @@ def show_tables(as_json: bool) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def show_schedule(path: Path, as_json: bool) -> None:
-    """Print what each rung of each iteration costs, in epochs."""
+    """Print the cost of each rung of each iteration, in epochs."""
     params = load_params(path)
     if as_json:
         rungs = [
@@ -147,14 +147,14 @@ def show_schedule(path: Path, as_json: bool) -> None:
 
 
 @main.command("run")
-@click.option("--out", required=True, type=FOLDER, help="Where the outputs go; made when missing.")
+@click.option("--out", required=True, type=FOLDER, help="Folder for the outputs; created if missing.")
 @click.option(
     "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
 )
 @click.option("--prompts", default="prompts", show_default=True, type=EXISTING, help="The prompts' templates.")
 @click.option("--cache", default="llm_cache", show_default=True, type=FOLDER, help="The recorded replies.")
 def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
-    """Run params.yaml in one process, without DVC: the same bytes, nothing tracked, nothing skipped."""
+    """Run params.yaml in one process, without DVC. The bytes are the same; nothing is tracked or skipped."""
     params = load_params(path)
     # Before torch is imported.
     numerics.apply(params.numerics)
@@ -173,7 +173,7 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
 @click.option("--stage", type=click.Choice([*STAGES]), help="Only what this stage reads.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_params(path: Path, stage: str | None, as_json: bool) -> None:
-    """Print the parameters as stages read them, each with where it comes from when that is not the file."""
+    """Print the parameters as the stages read them, with the origin of those that the file does not give."""
     document = load_document(path)
     parse_params(document, str(path))
     resolved = resolve_document(document, str(path))
@@ -193,7 +193,7 @@ def show_params(path: Path, stage: str | None, as_json: bool) -> None:
 
 
 @main.command("pipeline")
-@click.option("--check", is_flag=True, help="Write nothing; fail where something would be written.")
+@click.option("--check", is_flag=True, help="Write nothing; fail if something would be written.")
 def pipeline(check: bool) -> None:
     """Write the dvc.yaml of each iteration from iterations, rungs, mutate.pool and fuse.pool of params.yaml."""
     params = load_params(Path("params.yaml"))
@@ -206,10 +206,10 @@ def pipeline(check: bool) -> None:
 
 @main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-@click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
+@click.option("--quiet", "progress", flag_value="quiet", help="Print failures only.")
 @click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
 def repro(arguments: tuple[str, ...], progress: str | None) -> None:
-    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
+    """Repair what a killed run may have left, then run `dvc repro` with the ARGUMENTS."""
     code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)

@@ -63,7 +63,7 @@ class Finding:
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def doctor(as_json: bool) -> None:
-    """Check machine, packages, renderer, reply cache and folders, and say what to do; exit 1 where a run would fail."""
+    """Check machine, packages, renderer, recorded replies and folders, and say what to do; exit 1 if a run would fail."""
     findings = examine(Path())
     if as_json:
         click.echo(json.dumps([asdict(finding) for finding in findings], indent=2))

@@ -73,9 +73,9 @@ def _of(kind: Any) -> dict[str, Any]:
 
 
 @click.command("schema")
-@click.option("--check", is_flag=True, help=f"Write nothing; fail where {FILE} is another one.")
+@click.option("--check", is_flag=True, help=f"Write nothing; fail if {FILE} is out of date.")
 def command(check: bool) -> None:
-    """Write the JSON Schema of params.yaml, which editors complete and check by."""
+    """Write the JSON Schema of params.yaml; editors use it to complete and check the file."""
     path, text = Path(FILE), rendered()
     if not check:
         path.write_text(text, encoding="utf-8")
