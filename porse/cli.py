@@ -3,11 +3,13 @@
 import errno
 import importlib
 import json
+import shutil
 import signal
 import sys
+import textwrap
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 
@@ -41,17 +43,46 @@ _LAZY = {
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
-_SAME_AGAIN = "give the same command again to start over"
+_SAME_AGAIN = "run the same command again; it starts over"
 _HOW_ON = {
-    "demo": "remove the --out folder and give the command again, which starts over",
+    "demo": "remove the --out folder and run the command again; it starts over",
     "repro": HOW_ON,
-    "run": "`porse run` does not go on; remove the --out folder or name another, or use `porse repro`, which does",
-    "suite": "run `porse suite run` again, and it goes on with the entry that was at work",
+    "run": "`porse run` cannot continue; remove the --out folder or name another, or use `porse repro`, which continues",
+    "suite": "run `porse suite run` again, and it continues with the interrupted entry",
 }
 """What to do after Ctrl-C, by the command."""
 
 FOLDER = click.Path(file_okay=False, path_type=Path)
 EXISTING = click.Path(exists=True, file_okay=False, path_type=Path)
+
+
+class _Failure(click.ClickException):
+    """A foreseeable failure: its paragraph is wrapped on a terminal, and one line elsewhere."""
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        _print("Error: ", self.message, hang=0, err=True)
+
+
+def _print(head: str, text: str, hang: int | None = None, err: bool = False) -> None:
+    """Prints a line; on a terminal it is wrapped, and what follows is indented as far as `hang`, else as `head` is long."""
+    line = head + text
+    if (sys.stderr if err else sys.stdout).isatty():
+        indent = " " * (len(head) if hang is None else hang)
+        width = max(shutil.get_terminal_size().columns, len(indent) + 30)
+        # What has several lines has them for a reason.
+        line = "\n".join(
+            textwrap.fill(
+                part,
+                width,
+                subsequent_indent=indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+                drop_whitespace=True,
+                replace_whitespace=False,
+            )
+            for part in line.splitlines()
+        )
+    click.echo(line, err=err)
 
 
 class _Porse(click.Group):
@@ -71,12 +102,12 @@ class _Porse(click.Group):
         try:
             return super().invoke(ctx)
         except PorseError as error:
-            raise click.ClickException(str(error)) from error
+            raise _Failure(str(error)) from error
         except OSError as error:
             # A reader that has gone, as of `porse tables | head`, is click's; what names no file is a fault of ours.
             if error.errno == errno.EPIPE or error.filename is None:
                 raise
-            raise click.ClickException(
+            raise _Failure(
                 f"expected a file or folder that can be read and written at {error.filename}, found: {error.strerror}; "
                 "`porse doctor` checks the folders of a run"
             ) from error
@@ -113,9 +144,9 @@ def show_tables(as_json: bool) -> None:
         click.echo(json.dumps(found, indent=2))
         return
     for table in tables.TABLES.values():
-        click.echo(f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}")
+        _print("", f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}", hang=8)
         for column in table.columns:
-            click.echo(f"    {column.name:18} {column.type!s:7} {column.meaning}")
+            _print(f"    {column.name:18} {column.type!s:7} ", column.meaning)
 
 
 @main.command("schedule")
@@ -189,7 +220,7 @@ def show_params(path: Path, stage: str | None, as_json: bool) -> None:
         return
     for row in rows:
         source = "" if row["origin"] == path.name else f"  # {row['origin']}"
-        click.echo(f"{row['parameter']}: {json.dumps(row['value'])}{source}")
+        _print("", f"{row['parameter']}: {json.dumps(row['value'])}{source}", hang=4)
 
 
 @main.command("pipeline")
@@ -234,7 +265,7 @@ def show_methods(as_json: bool) -> None:
     for heading, sets in (("method", METHODS), ("ablation", ABLATIONS)):
         for name, sections in sets.items():
             values = [f"{s}.{key}: {json.dumps(value)}" for s, own in sections.items() for key, value in own.items()]
-            click.echo(f"{heading:8} {name:20} {', '.join(values) or 'params.yaml as it is'}")
+            _print(f"{heading:8} {name:20} ", ", ".join(values) or "params.yaml as it is")
 
 
 @main.command("results")
@@ -258,7 +289,7 @@ def show_results(path: Path, as_json: bool) -> None:
             f"expected the metrics of a run at {path}, found no JSON ({error}); `git checkout {path}` or `dvc repro` restores it"
         ) from None
     if (path.parent / "params.yaml").is_file() and (warning := another_run(path.parent)):
-        click.echo(f"warning: {warning}", err=True)
+        _print("warning: ", str(warning), hang=0, err=True)
     if as_json:
         click.echo(json.dumps(metrics, indent=2))
         return
@@ -307,11 +338,9 @@ def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
         return
     for row in rows:
         tagged = ", ".join(TASK_TAGS[str(row["task"])])
-        click.echo(
-            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
-            f"{tagged:20} {row['description']}"
-        )
+        sizes = f"{row['observations']:4} {row['actions']:3} {row['episode_length']:5}"
+        _print(f"{row['task']:20} {row['family']:7} {sizes} {tagged:20} ", str(row["description"]))
     if not tags:
         click.echo()
         for tag, meaning in TAGS.items():
-            click.echo(f"{tag:11} {meaning}")
+            _print(f"{tag:11} ", meaning)

@@ -256,7 +256,7 @@ def parameters(root: Path) -> Finding:
         check_pipeline(root, params)
         check_memory(params)
     except (PorseError, OSError) as error:
-        return Finding("parameters", "problem", str(error), "mend what it says")
+        return Finding("parameters", "problem", str(error), "fix what it says")
     return Finding("parameters", "ok", f"{params.method} on {params.task}, numerics: {params.numerics}")
 
 
@@ -310,7 +310,7 @@ def dvc_cache(root: Path) -> Finding:
     )
     if done.returncode:
         said = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        return Finding("DVC cache", "problem", f"`dvc cache dir` says: {said}", "mend what it says")
+        return Finding("DVC cache", "problem", f"`dvc cache dir` says: {said}", "fix what it says")
     cache = root / done.stdout.strip()
     place = _nearest(cache)
     if not os.access(place, os.W_OK | os.X_OK):

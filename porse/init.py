@@ -97,5 +97,5 @@ def _call(where: Path, *command: str) -> None:
         raise PorseError(f"expected {command[0]} on the PATH, found none; install it and try again") from None
     if done.returncode:
         raise PorseError(
-            f"expected `{' '.join(command[-3:])}` to work in {where}, found: {' '.join(done.stderr.split())}; mend that first"
+            f"expected `{' '.join(command[-3:])}` to work in {where}, found: {' '.join(done.stderr.split())}; fix that first"
         )

@@ -31,7 +31,7 @@ def run(file: Path) -> None:
     if failed:
         raise PorseError(
             f"expected every entry of {file} to get to its end, found {len(failed)} that failed: {', '.join(failed)}; "
-            "mend what their logs say, and run the suite again"
+            "fix what their logs report, and run the suite again"
         )
 
 
