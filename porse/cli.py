@@ -64,20 +64,20 @@ class _Failure(click.ClickException):
 
 
 def _print(head: str, text: str, hang: int | None = None, err: bool = False) -> None:
-    """Prints a line; on a terminal it is wrapped, and what follows is indented as far as `hang`, else as `head` is long."""
+    """Prints a line; on a terminal it is wrapped, and goes on below its text, or `hang` columns from the left."""
     line = head + text
     if (sys.stderr if err else sys.stdout).isatty():
-        indent = " " * (len(head) if hang is None else hang)
-        width = max(shutil.get_terminal_size().columns, len(indent) + 30)
+        width = shutil.get_terminal_size().columns
+        if hang is None:
+            hang = len(head) if len(head) <= width // 2 else 8
         # What has several lines has them for a reason.
         line = "\n".join(
             textwrap.fill(
                 part,
                 width,
-                subsequent_indent=indent,
+                subsequent_indent=" " * hang,
                 break_long_words=False,
                 break_on_hyphens=False,
-                drop_whitespace=True,
                 replace_whitespace=False,
             )
             for part in line.splitlines()
