@@ -141,8 +141,8 @@ def on_a_terminal(words, columns):
     "words", [["tables"], ["methods"], ["tasks", "--tag", "door"], ["params", "--params", "no.yaml"]]
 )
 def test_output_is_wrapped_at_the_width_of_a_terminal_and_whole_elsewhere(words):
-    wrapped = on_a_terminal(words, 90)
-    assert max(map(len, wrapped.splitlines())) <= 90
+    wrapped = on_a_terminal(words, 70)
+    assert max(map(len, wrapped.splitlines())) <= 70
     plain = CliRunner().invoke(main, words).output
-    assert max(map(len, plain.splitlines())) > 90
+    assert max(map(len, plain.splitlines())) > 70
     assert wrapped.split() == plain.split()
