@@ -18,7 +18,7 @@ LEARNED = "learning.csv"
 """What the human rewards teach; written by `porse.report.learning`, not here."""
 
 WIDTH, HEIGHT = 320, 240
-COLUMNS = 5
+COLUMNS = 4
 
 HEAD = """# The tasks
 
