@@ -231,7 +231,7 @@ def pipeline(check: bool) -> None:
     if check:
         check_pipeline(Path(), params)
         return
-    for line in write_pipeline(Path(), params) or ["every dvc.yaml is as it should be"]:
+    for line in write_pipeline(Path(), params) or ["every dvc.yaml is up to date"]:
         click.echo(line)
 
 

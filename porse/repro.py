@@ -91,7 +91,7 @@ def check_start(params: Params) -> None:
     check_memory(params)
 
 
-HOW_ON = "run `porse repro` again, and it continues with the interrupted stage"
+HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
 
 
 def has_source_control(root: Path) -> bool:

@@ -82,7 +82,7 @@ def command(check: bool) -> None:
         click.echo(f"{path}: written")
     elif not path.is_file() or path.read_text(encoding="utf-8") != text:
         raise ParamsError(
-            f"expected {path} to be the schema of porse/config.py, found it otherwise; run `porse schema`"
+            f"expected {path} to be the schema of porse/config.py, found it out of date; run `porse schema`"
         )
     else:
-        click.echo(f"{path} is as it should be")
+        click.echo(f"{path} is up to date")

@@ -29,7 +29,7 @@ class PlainCommand(click.Command):
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
             raise click.ClickException(
-                "stopped by Ctrl-C: run `porse repro` again, and it continues with the interrupted stage"
+                "stopped by Ctrl-C: run `porse repro` again, and it goes on with the stage that was at work"
             ) from None
 
 

@@ -188,13 +188,13 @@ SCORES = Table(
         Column(
             "failed", _FLAG, "whether its training ended early, or another probe beat it; such a candidate ranks last"
         ),
-        Column("survives", _FLAG, "whether it goes on"),
+        Column("survives", _FLAG, "whether it survives"),
     ),
 )
 
 SURVIVORS = Table(
     "survivors",
-    "one candidate that goes on after one rung",
+    "one candidate that survived one rung",
     ("iteration", "rung", "rank"),
     (
         _ITERATION,
@@ -256,7 +256,7 @@ MEMBER_FEEDBACK = Table(
 
 EVALUATION = Table(
     "evaluation",
-    "one epoch of the chain of winners, trained again with one seed",
+    "one epoch of the lineage of winners, trained again with one seed",
     ("seed", "iteration", "epoch"),
     (
         Column("seed", _INT, "which of the further seeds, from 1"),
@@ -269,7 +269,7 @@ EVALUATION = Table(
 
 SEEDS = Table(
     "seeds",
-    "one further seed that the chain of winners was trained with",
+    "one further seed that the lineage of winners was trained with",
     ("seed",),
     (
         Column("seed", _INT, "which of the further seeds, from 1"),
