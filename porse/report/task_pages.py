@@ -216,7 +216,7 @@ def _page(task: type[Task]) -> str:
         "",
         about[0].upper() + about[1:],
         "",
-        f"Original: {words[task.FAMILY]}. {sizes}.{tags} [What all tasks share](../tasks.md#what-all-tasks-share)",
+        f"Original: {words[task.FAMILY]}. {sizes}.{tags} [What all tasks share](../tasks.md)",
         "",
         "## The task",
         "",
