@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo repro proof test test-slow servers test-servers record-example check format
+.PHONY: setup demo repro proof test test-slow servers test-servers record-example site check format
 
 setup: .venv/ready
 
@@ -51,6 +51,10 @@ test-servers: setup servers
 # The example of a small model's run, asked for anew: after a change of prompts, checks or verdicts.
 record-example: setup servers
 	$(BIN)/python tests/smollm2.py
+
+# The documentation as a site, in site/; a link that leads nowhere is an error
+site: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 check: setup
 	$(BIN)/ruff check .

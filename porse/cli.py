@@ -6,9 +6,10 @@ import json
 import shutil
 import signal
 import sys
+import textwrap
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 
@@ -45,17 +46,46 @@ _LAZY = {
 }
 """Commands that live with what they are about; imported when they are called, since some need torch."""
 
-_SAME_AGAIN = "give the same command again to start over"
+_SAME_AGAIN = "run the same command again; it starts over"
 _HOW_ON = {
-    "demo": "remove the --out folder and give the command again, which starts over",
+    "demo": "remove the --out folder and run the command again; it starts over",
     "repro": HOW_ON,
-    "run": "`porse run` does not go on; remove the --out folder or name another, or use `porse repro`, which does",
-    "suite": "run `porse suite run` again, and it goes on with the entry that was at work",
+    "run": "`porse run` cannot continue; remove the --out folder or name another, or use `porse repro`, which continues",
+    "suite": "run `porse suite run` again, and it continues with the interrupted entry",
 }
 """What to do after Ctrl-C, by the command."""
 
 FOLDER = click.Path(file_okay=False, path_type=Path)
 EXISTING = click.Path(exists=True, file_okay=False, path_type=Path)
+
+
+class _Failure(click.ClickException):
+    """A foreseeable failure: its paragraph is wrapped on a terminal, and one line elsewhere."""
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        _print("Error: ", self.message, hang=0, err=True)
+
+
+def _print(head: str, text: str, hang: int | None = None, err: bool = False) -> None:
+    """Prints a line; on a terminal it is wrapped, and goes on below its text, or `hang` columns from the left."""
+    line = head + text
+    if (sys.stderr if err else sys.stdout).isatty():
+        width = shutil.get_terminal_size().columns
+        if hang is None:
+            hang = len(head) if len(head) <= width // 2 else 8
+        # What has several lines has them for a reason.
+        line = "\n".join(
+            textwrap.fill(
+                part,
+                width,
+                subsequent_indent=" " * hang,
+                break_long_words=False,
+                break_on_hyphens=False,
+                replace_whitespace=False,
+            )
+            for part in line.splitlines()
+        )
+    click.echo(line, err=err)
 
 
 class _Porse(click.Group):
@@ -75,12 +105,12 @@ class _Porse(click.Group):
         try:
             return super().invoke(ctx)
         except PorseError as error:
-            raise click.ClickException(str(error)) from error
+            raise _Failure(str(error)) from error
         except OSError as error:
             # A reader that has gone, as of `porse tables | head`, is click's; what names no file is a fault of ours.
             if error.errno == errno.EPIPE or error.filename is None:
                 raise
-            raise click.ClickException(
+            raise _Failure(
                 f"expected a file or folder that can be read and written at {error.filename}, found: {error.strerror}; "
                 "`porse doctor` checks the folders of a run"
             ) from error
@@ -94,13 +124,13 @@ class _Porse(click.Group):
 @click.group(cls=_Porse)
 @click.version_option(__version__)
 def main() -> None:
-    """Robot skills without a hand-written reward, replayable offline. The pipeline itself is `dvc repro`."""
+    """Train robot skills with rewards written by a language model. `porse repro` runs the pipeline."""
 
 
 @main.command("tables")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_tables(as_json: bool) -> None:
-    """Print the data dictionary: what a row and a column of each table mean."""
+    """Print the data dictionary: the rows and columns of each table."""
     if as_json:
         found = [
             {
@@ -117,9 +147,9 @@ def show_tables(as_json: bool) -> None:
         click.echo(json.dumps(found, indent=2))
         return
     for table in tables.TABLES.values():
-        click.echo(f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}")
+        _print("", f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}", hang=8)
         for column in table.columns:
-            click.echo(f"    {column.name:18} {column.type!s:7} {column.meaning}")
+            _print(f"    {column.name:18} {column.type!s:7} ", column.meaning)
 
 
 @main.command("schedule")
@@ -128,7 +158,7 @@ def show_tables(as_json: bool) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def show_schedule(path: Path, as_json: bool) -> None:
-    """Print what each rung of each iteration costs, in epochs."""
+    """Print the cost of each rung of each iteration, in epochs."""
     params = load_params(path)
     if as_json:
         rungs = [
@@ -151,14 +181,14 @@ def show_schedule(path: Path, as_json: bool) -> None:
 
 
 @main.command("run")
-@click.option("--out", required=True, type=FOLDER, help="Where the outputs go; made when missing.")
+@click.option("--out", required=True, type=FOLDER, help="Folder for the outputs; created if missing.")
 @click.option(
     "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
 )
 @click.option("--prompts", default="prompts", show_default=True, type=EXISTING, help="The prompts' templates.")
 @click.option("--cache", default="llm_cache", show_default=True, type=FOLDER, help="The recorded replies.")
 def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
-    """Run params.yaml in one process, without DVC: the same bytes, nothing tracked, nothing skipped."""
+    """Run params.yaml in one process, without DVC. The bytes are the same; nothing is tracked or skipped."""
     params = load_params(path)
     # Before torch is imported.
     numerics.apply(params.numerics)
@@ -177,7 +207,7 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
 @click.option("--stage", type=click.Choice([*STAGES]), help="Only what this stage reads.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_params(path: Path, stage: str | None, as_json: bool) -> None:
-    """Print the parameters as stages read them, each with where it comes from when that is not the file."""
+    """Print the parameters as the stages read them, with the origin of those that the file does not give."""
     document = load_document(path)
     parse_params(document, str(path))
     resolved = resolve_document(document, str(path))
@@ -193,30 +223,30 @@ def show_params(path: Path, stage: str | None, as_json: bool) -> None:
         return
     for row in rows:
         source = "" if row["origin"] == path.name else f"  # {row['origin']}"
-        click.echo(f"{row['parameter']}: {json.dumps(row['value'])}{source}")
+        _print("", f"{row['parameter']}: {json.dumps(row['value'])}{source}", hang=4)
 
 
 @main.command("pipeline")
-@click.option("--check", is_flag=True, help="Write nothing; fail where something would be written.")
+@click.option("--check", is_flag=True, help="Write nothing; fail if something would be written.")
 def pipeline(check: bool) -> None:
     """Write the dvc.yaml of each iteration from iterations, rungs, mutate.pool and fuse.pool of params.yaml."""
     params = load_params(Path("params.yaml"))
     if check:
         check_pipeline(Path(), params)
         return
-    for line in write_pipeline(Path(), params) or ["every dvc.yaml is as it should be"]:
+    for line in write_pipeline(Path(), params) or ["every dvc.yaml is up to date"]:
         click.echo(line)
 
 
 @main.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-@click.option("--quiet", "progress", flag_value="quiet", help="Print what fails, and nothing else.")
+@click.option("--quiet", "progress", flag_value="quiet", help="Print failures only.")
 @click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
 def repro(arguments: tuple[str, ...], progress: str | None) -> None:
-    """Mend what a killed run may have left, then run `dvc repro` with the ARGUMENTS.
+    """Repair what a killed run may have left, then run `dvc repro` with the ARGUMENTS.
 
-    Without any, each stage prints a line, or on a terminal its bars, and the last one is as `porse status` has it. With ARGUMENTS,
-    DVC prints what it does, too.
+    Without ARGUMENTS, each stage prints a line, or shows its bars on a terminal; the last line is that of `porse status`. With
+    ARGUMENTS, DVC prints its own output, too.
     """
     code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
     if code == 0 and not progress and not arguments:
@@ -246,7 +276,7 @@ def show_methods(as_json: bool) -> None:
     for heading, sets in (("method", METHODS), ("ablation", ABLATIONS)):
         for name, sections in sets.items():
             values = [f"{s}.{key}: {json.dumps(value)}" for s, own in sections.items() for key, value in own.items()]
-            click.echo(f"{heading:8} {name:20} {', '.join(values) or 'params.yaml as it is'}")
+            _print(f"{heading:8} {name:20} ", ", ".join(values) or "params.yaml as it is")
 
 
 @main.command("results")
@@ -261,7 +291,7 @@ def show_results(run: Path, as_json: bool) -> None:
     """
     # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
     if (run / "dvc.lock").is_file() and (warning := another_run(run)):
-        click.echo(f"warning: {warning}", err=True)
+        _print("warning: ", str(warning), hang=0, err=True)
     found = read_results(run)
     if not as_json:
         click.echo(results_table(found.iterations, found.figures))
@@ -307,17 +337,9 @@ def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
         return
     for row in rows:
         tagged = ", ".join(TASK_TAGS[str(row["task"])])
-        line = (
-            f"{row['task']:20} {row['family']:7} {row['observations']:4} {row['actions']:3} {row['episode_length']:5} "
-        )
-        line += f"{tagged:20} "
-        # In a terminal a description goes on below itself; elsewhere a task is a line.
-        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
-        text = (
-            click.wrap_text(str(row["description"]), max(width - len(line), 20)) if width else str(row["description"])
-        )
-        click.echo(line + text.replace("\n", "\n" + " " * len(line)))
+        sizes = f"{row['observations']:4} {row['actions']:3} {row['episode_length']:5}"
+        _print(f"{row['task']:20} {row['family']:7} {sizes} {tagged:20} ", str(row["description"]))
     if not tags:
         click.echo()
         for tag, meaning in TAGS.items():
-            click.echo(f"{tag:11} {meaning}")
+            _print(f"{tag:11} ", meaning)

@@ -410,7 +410,7 @@ def _check_together(params: Params, where: str, below: str) -> None:
             wrong("candidate.beta", f"at most candidate.scale = {candidate.scale}", candidate.beta, where)
         )
     if params.generator == "files" and not _NAME.fullmatch(params.generate.functions):
-        expected = "a folder below functions/, named with letters, digits and dashes, where generator is files"
+        expected = "a folder below functions/, named with letters, digits and dashes, since generator is files"
         raise ParamsError(wrong("generate.functions", expected, params.generate.functions, where))
     if params.generate.elites >= params.generate.candidates:
         expected = f"less than generate.candidates = {params.generate.candidates}"

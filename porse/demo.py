@@ -43,7 +43,7 @@ def smoke(document: Mapping[str, Any]) -> dict[str, Any]:
     default="demo",
     show_default=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Where the run goes; made when missing.",
+    help="Folder for the run; created if missing.",
 )
 @click.option(
     "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)

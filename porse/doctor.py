@@ -63,7 +63,7 @@ class Finding:
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def doctor(as_json: bool) -> None:
-    """Check machine, packages, renderer, reply cache and folders, and say what to do; exit 1 where a run would fail."""
+    """Check machine, packages, renderer, recorded replies and folders, and say what to do; exit 1 if a run would fail."""
     findings = examine(Path())
     if as_json:
         click.echo(json.dumps([asdict(finding) for finding in findings], indent=2))
@@ -256,7 +256,7 @@ def parameters(root: Path) -> Finding:
         check_pipeline(root, params)
         check_memory(params)
     except (PorseError, OSError) as error:
-        return Finding("parameters", "problem", str(error), "mend what it says")
+        return Finding("parameters", "problem", str(error), "fix what it says")
     return Finding("parameters", "ok", f"{params.method} on {params.task}, numerics: {params.numerics}")
 
 
@@ -310,7 +310,7 @@ def dvc_cache(root: Path) -> Finding:
     )
     if done.returncode:
         said = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        return Finding("DVC cache", "problem", f"`dvc cache dir` says: {said}", "mend what it says")
+        return Finding("DVC cache", "problem", f"`dvc cache dir` says: {said}", "fix what it says")
     cache = root / done.stdout.strip()
     place = _nearest(cache)
     if not os.access(place, os.W_OK | os.X_OK):

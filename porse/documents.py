@@ -38,7 +38,7 @@ def parse_yaml(text: str, where: str) -> Any:
         found = " ".join(str(error).split("\n\n")[0].split())
     except (ValueError, RecursionError) as error:
         found = str(error)
-    raise ParamsError(f"expected YAML in {where}, found: {found}; mend the file")
+    raise ParamsError(f"expected YAML in {where}, found: {found}; correct the file")
 
 
 def render_yaml(document: Any) -> str:

@@ -86,7 +86,7 @@ class Line:
 )
 @JSON
 def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: Path, as_json: bool) -> None:
-    """Show the requests, tokens and cost of what a run still has to ask."""
+    """Estimate the requests, tokens and cost that a run still needs."""
     params = load_params(params_path)
     params = dataclasses.replace(params, llm=with_profile(params.llm, profile))
     store = Store(cache_dir)

@@ -33,7 +33,7 @@ SUFFIXES = {"onnx": ".onnx", "torchscript": ".pt"}
 )
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="[default: TASK.onnx or TASK.pt]")
 def export(run: Path, form: str | None, path: Path | None, out: Path | None) -> None:
-    """Write the winner of a RUN as ONNX or TorchScript, for use elsewhere.
+    """Write the policy of RUN's winner as ONNX or TorchScript, for use elsewhere.
 
     RUN is the folder of a run, or a policy or checkpoint of it (.safetensors).
     """

@@ -35,10 +35,10 @@ _CHANGED = {
 @click.command()
 @click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 def init(folder: Path) -> None:
-    """Make a project of your own in DIR: pipeline, prompts, parameters and a task, with the package as it is installed."""
+    """Start a project of your own in DIR: pipeline, prompts, parameters and a task. It uses the installed package."""
     make_project(folder)
     click.echo(f"{folder}: a project that trains {_TASK}, without a model and without a network")
-    click.echo(f"next: cd {folder}; porse demo, which takes a minute, or porse repro; its README.md says more")
+    click.echo(f"next: cd {folder}, then run porse demo (a minute) or porse repro; its README.md says more")
 
 
 def make_project(folder: Path) -> None:
@@ -97,5 +97,5 @@ def _call(where: Path, *command: str) -> None:
         raise PorseError(f"expected {command[0]} on the PATH, found none; install it and try again") from None
     if done.returncode:
         raise PorseError(
-            f"expected `{' '.join(command[-3:])}` to work in {where}, found: {' '.join(done.stderr.split())}; mend that first"
+            f"expected `{' '.join(command[-3:])}` to work in {where}, found: {' '.join(done.stderr.split())}; fix that first"
         )

@@ -63,7 +63,7 @@ def another_run(root: Path) -> str | None:
     more = f" ({len(names) - _SHOWN} more parameters differ)" if len(names) > _SHOWN else ""
     return (
         f"these results are another run's: expected {', '.join(now)}, as params.yaml says, found results of "
-        f"{', '.join(said)}{more}; run `porse repro` for new ones, or take the change in params.yaml back"
+        f"{', '.join(said)}{more}; run `porse repro` for new ones, or undo the change in params.yaml"
     )
 
 

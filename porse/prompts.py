@@ -28,7 +28,7 @@ def render(folder: Path, name: str, **facts: Any) -> str:
         return environment.get_template(f"{name}.jinja").render(**facts).strip()
     except Exception as error:  # a template may compute, and what it computes may go wrong in every way
         raise PorseError(
-            f"expected the prompt {name} in {folder} to render with {', '.join(sorted(facts))}, found: {error!r}; mend the template"
+            f"expected the prompt {name} in {folder} to render with {', '.join(sorted(facts))}, found: {error!r}; correct the template"
         ) from error
 
 

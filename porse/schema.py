@@ -73,16 +73,16 @@ def _of(kind: Any) -> dict[str, Any]:
 
 
 @click.command("schema")
-@click.option("--check", is_flag=True, help=f"Write nothing; fail where {FILE} is another one.")
+@click.option("--check", is_flag=True, help=f"Write nothing; fail if {FILE} is out of date.")
 def command(check: bool) -> None:
-    """Write the JSON Schema of params.yaml, which editors complete and check by."""
+    """Write the JSON Schema of params.yaml; editors use it to complete and check the file."""
     path, text = Path(FILE), rendered()
     if not check:
         path.write_text(text, encoding="utf-8")
         click.echo(f"{path}: written")
     elif not path.is_file() or path.read_text(encoding="utf-8") != text:
         raise ParamsError(
-            f"expected {path} to be the schema of porse/config.py, found it otherwise; run `porse schema`"
+            f"expected {path} to be the schema of porse/config.py, found it out of date; run `porse schema`"
         )
     else:
-        click.echo(f"{path} is as it should be")
+        click.echo(f"{path} is up to date")

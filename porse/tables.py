@@ -188,13 +188,13 @@ SCORES = Table(
         Column(
             "failed", _FLAG, "whether its training ended early, or another probe beat it; such a candidate ranks last"
         ),
-        Column("survives", _FLAG, "whether it goes on"),
+        Column("survives", _FLAG, "whether it survives"),
     ),
 )
 
 SURVIVORS = Table(
     "survivors",
-    "one candidate that goes on after one rung",
+    "one candidate that survived one rung",
     ("iteration", "rung", "rank"),
     (
         _ITERATION,
@@ -256,7 +256,7 @@ MEMBER_FEEDBACK = Table(
 
 EVALUATION = Table(
     "evaluation",
-    "one epoch of the chain of winners, trained again with one seed",
+    "one epoch of the lineage of winners, trained again with one seed",
     ("seed", "iteration", "epoch"),
     (
         Column("seed", _INT, "which of the further seeds, from 1"),
@@ -269,7 +269,7 @@ EVALUATION = Table(
 
 SEEDS = Table(
     "seeds",
-    "one further seed that the chain of winners was trained with",
+    "one further seed that the lineage of winners was trained with",
     ("seed",),
     (
         Column("seed", _INT, "which of the further seeds, from 1"),
@@ -362,22 +362,22 @@ def write(path: Path, table: Table, rows: Iterable[Mapping[str, Any]]) -> None:
         if row.keys() != set(names):
             differ = sorted(set(names) ^ set(row))
             raise TableError(
-                f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; mend the stage that made it"
+                f"expected the columns {names} in a row of {table.name}, found a row that differs in {differ}, while writing {path}; correct the stage that made it"
             )
     try:
         arrow = pa.Table.from_pylist(ordered, schema=table.schema)
         arrow.validate(full=True)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
         raise TableError(
-            f"expected values of the declared types in {table.name}, found: {error}, while writing {path}; mend the stage that made them"
+            f"expected values of the declared types in {table.name}, found: {error}, while writing {path}; correct the stage that made them"
         ) from error
     for column in arrow.column_names:
         if arrow[column].null_count:
             raise TableError(
-                f"expected no missing values in {table.name}, found some in {column} while writing {path}; mend the stage that made them"
+                f"expected no missing values in {table.name}, found some in {column} while writing {path}; correct the stage that made them"
             )
     if fault := _fault(ordered, table):
-        raise TableError(f"{fault} while writing {path}; mend the stage that made them")
+        raise TableError(f"{fault} while writing {path}; correct the stage that made them")
     path.parent.mkdir(parents=True, exist_ok=True)
     # Fixed options: no statistics and no dictionary, so that the bytes follow from the rows and the pinned pyarrow alone.
     pq.write_table(arrow, path, compression="zstd", use_dictionary=False, write_statistics=False, version="2.6")
@@ -438,5 +438,5 @@ def _key_of(row: Mapping[str, Any], table: Table, path: Path) -> tuple[Any, ...]
         return tuple(row[name] for name in table.key)
     except KeyError as error:
         raise TableError(
-            f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; mend the stage that made it"
+            f"expected the key columns {table.key} in a row of {table.name}, found none named {error} while writing {path}; correct the stage that made it"
         ) from None

@@ -1,4 +1,7 @@
+import contextlib
 import json
+import os
+import pty
 import subprocess
 import sys
 
@@ -10,7 +13,7 @@ from click.testing import CliRunner
 from porse import tables
 from porse.cli import main
 from porse.task_names import TAGS, TASK_CLASSES, TASK_TAGS
-from tiny import committed_params
+from tiny import BIN, committed_params
 
 
 def commands(group, prefix=()):
@@ -38,8 +41,8 @@ def test_every_command_has_help(name):
 @pytest.mark.parametrize(
     "name", [name for name, command in ALL.items() if not isinstance(command, click.Group)], ids=" ".join
 )
-def test_every_command_is_in_the_readme(root, name):
-    assert f"porse {' '.join(name)}" in (root / "README.md").read_text()
+def test_every_command_is_in_the_table_of_commands(root, name):
+    assert f"| `porse {' '.join(name)}` |" in (root / "docs" / "commands.md").read_text()
 
 
 PATHS = [
@@ -117,3 +120,31 @@ def test_results_without_a_run_say_what_to_do(tmp_path):
     done = porse("results", str(tmp_path))
     assert done.exit_code == 1
     assert "iterations.parquet, found no such file; run `dvc repro` to make it" in done.output
+
+
+def on_a_terminal(words, columns):
+    """Runs a command with a terminal of that width for its output and errors, and returns what it wrote there."""
+    ours, its = pty.openpty()
+    process = subprocess.Popen(
+        [BIN / "porse", *words], stdout=its, stderr=its, env={**os.environ, "COLUMNS": str(columns)}
+    )
+    os.close(its)
+    written = b""
+    # Linux ends the reading with an error once nobody holds the other end.
+    with contextlib.suppress(OSError):
+        while part := os.read(ours, 65536):
+            written += part
+    process.wait()
+    os.close(ours)
+    return written.decode().replace("\r\n", "\n")
+
+
+@pytest.mark.parametrize(
+    "words", [["tables"], ["methods"], ["tasks", "--tag", "door"], ["params", "--params", "no.yaml"]]
+)
+def test_output_is_wrapped_at_the_width_of_a_terminal_and_whole_elsewhere(words):
+    wrapped = on_a_terminal(words, 70)
+    assert max(map(len, wrapped.splitlines())) <= 70
+    plain = CliRunner().invoke(main, words).output
+    assert max(map(len, plain.splitlines())) > 70
+    assert wrapped.split() == plain.split()

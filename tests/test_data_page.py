@@ -71,7 +71,7 @@ def test_the_examples_of_duckdb_say_what_the_tables_say(finished, monkeypatch):
     assert names["winners"].fetchall() == [
         (1, winner["origin"], winner["beta"], winner["alpha"], iteration["score"], iteration["bonus_share"])
     ]
-    ranked = ran(example("Who was in each rung"), finished, monkeypatch)["rungs"].fetchall()
+    ranked = ran(example("The candidates of each rung"), finished, monkeypatch)["rungs"].fetchall()
     assert [row[3] for row in ranked if row[1] == "1"] == [
         row["candidate_id"]
         for row in sorted(read(finished, tables.SCORES), key=lambda row: row["rank"])
@@ -88,7 +88,7 @@ def test_the_examples_of_pandas_say_what_the_tables_say(finished, monkeypatch):
     for row in curves:
         if row["series"] == "fitness":
             assert fitness.loc[row["epoch"], row["candidate_id"]] == row["value"]
-    components = ran(example("What each component"), finished, monkeypatch)["components"]
+    components = ran(example("Each component"), finished, monkeypatch)["components"]
     winner = read(finished, tables.ITERATIONS)[0]["winner_id"]
     of = {row["series"] for row in curves if row["candidate_id"] == winner and row["series"].startswith("component/")}
     assert {series for _, series in components.index} == of

@@ -4,6 +4,9 @@ import csv
 import io
 import json
 import os
+import re
+import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -146,3 +149,19 @@ def test_a_worktree_runs_on_its_own(committed, tmp_path):
     assert "Running stage" not in dvc(tree, "repro").stdout
     assert (tree / "run" / "result" / "start").is_dir()
     assert run(tree, "git", "status", "--porcelain").stdout == ""
+
+
+def test_the_committed_run_comes_back_as_the_readme_says(committed):
+    dvc(committed, "exp", "run", "--name", "away", "-S", "seed=11")
+    # These stages write the same for every seed; a result that is gone stands for one that differs.
+    shutil.rmtree(committed / "run" / "result" / "start")
+    assert "params.yaml" in run(committed, "git", "status", "--porcelain").stdout
+    way = re.search(r"\*\*The way back.*?```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    restore, checkout = way[1].splitlines()
+    run(committed, *shlex.split(restore))
+    assert checkout == ".venv/bin/dvc checkout"
+    dvc(committed, "checkout")
+    assert (committed / "run" / "result" / "start" / "a").is_file()
+    assert run(committed, "git", "status", "--porcelain").stdout == ""
+    assert "up to date" in dvc(committed, "status").stdout
+    assert "away" in dvc(committed, "exp", "list").stdout

@@ -220,7 +220,9 @@ def test_a_template_reaches_its_facts_and_its_folder_and_nothing_else(tmp_path, 
     (tmp_path / "secret.jinja").write_text("secret")
     (tmp_path / "prompts").mkdir()
     (tmp_path / "prompts" / "odd.jinja").write_bytes(template if isinstance(template, bytes) else template.encode())
-    expected = rf"expected the prompt odd in .* to render with fact, found: .*{re.escape(found)}.*; mend the template"
+    expected = (
+        rf"expected the prompt odd in .* to render with fact, found: .*{re.escape(found)}.*; correct the template"
+    )
     with pytest.raises(PorseError, match=expected):
         render(tmp_path / "prompts", "odd", fact=[1])
 

@@ -156,7 +156,7 @@ def test_what_cannot_be_compared_is_said_in_a_sentence(runs, tmp_path):
         done = report(*arguments)
         assert (done.exit_code, said in done.output) == (1, True), done.output
     done = CliRunner().invoke(main, ["report", *map(str, runs)])
-    assert (done.exit_code, "want --compare" in " ".join(done.output.split())) == (2, True)
+    assert (done.exit_code, "use --compare" in " ".join(done.output.split())) == (2, True)
 
 
 def test_a_suite_is_compared_by_its_file_and_what_is_not_done_is_said(finished, tmp_path, root, monkeypatch):

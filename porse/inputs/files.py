@@ -57,7 +57,7 @@ def task_files(root: Path, task: str) -> set[Path]:
     file = module_file(home, module)
     if not file.is_file():
         raise ParamsError(
-            f"expected the module of task {task!r} at {file}, found no such file; mend its name or add it"
+            f"expected the module of task {task!r} at {file}, found no such file; correct its name or add it"
         )
     files = _imported(root, file, package)
     if not is_own(task):

@@ -93,7 +93,7 @@ def check_unchanged(root: Path, path: Path, inputs: Inputs, when: str) -> None:
         more = f" and {len(changed) - 3} more" if len(changed) > 3 else ""
         raise ParamsError(
             f"expected the inputs of this stage to stay as they were, found {', '.join(changed[:3])}{more} changed {when}; "
-            "its result would not be that of the inputs on record, so that nothing is kept: run `dvc repro` again"
+            "its result would not match the recorded inputs, so nothing is kept: run `dvc repro` again"
         )
 
 

@@ -48,8 +48,7 @@ PROFILE = click.option("--profile", help="Profile to ask instead of llm.profile.
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 CONTEXT_HELP = (
-    "What whoever answered had seen before each reply: `fresh`, nothing but its question; `shared`, other questions and "
-    "replies; or `unknown`."
+    "What was seen before each reply: `fresh`, only its question; `shared`, other questions and replies; or `unknown`."
 )
 
 

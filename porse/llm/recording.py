@@ -156,6 +156,6 @@ def _provider_error(failures: list[tuple[Origin, Exception]], asked: int, transp
     more = f"; and {len(failures) - MAX_NAMED} more" if len(failures) > MAX_NAMED else ""
     return ProviderError(
         f"Expected a usable reply to each of {asked} requests from profile {transport.profile!r}, found "
-        f"{len(failures)} failures: {named}{more}. All other replies are recorded; mend the cause and run the same "
+        f"{len(failures)} failures: {named}{more}. All other replies are recorded; fix the cause and run the same "
         "command again, which asks only for what is missing."
     )

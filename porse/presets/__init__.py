@@ -134,7 +134,7 @@ def _read(path: Path) -> Mapping[str, Any]:
 def _check_keys(found: Any, expected: tuple[str, ...], prefix: str, path: Path) -> None:
     name = prefix.rstrip(".") or "the preset"
     if not isinstance(found, Mapping):
-        raise ParamsError(f"expected {name} to hold {', '.join(expected)}, found {found!r} in {path}; mend the file")
+        raise ParamsError(f"expected {name} to hold {', '.join(expected)}, found {found!r} in {path}; correct the file")
     for key in found:
         if key not in expected:
             near = difflib.get_close_matches(str(key), expected, n=1)

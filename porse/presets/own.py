@@ -31,10 +31,10 @@ def sizes_of(task: str, root: Path, preset: Path) -> Sizes:
         tree = ast.parse(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ParamsError(
-            f"expected the module of task {task!r} at {path}, found no such file; mend its name or add it"
+            f"expected the module of task {task!r} at {path}, found no such file; correct its name or add it"
         ) from None
     except (SyntaxError, UnicodeDecodeError, ValueError) as error:
-        raise ParamsError(f"expected Python in {path}, found: {error}; mend the file") from None
+        raise ParamsError(f"expected Python in {path}, found: {error}; correct the file") from None
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
     stated = _stated(name, classes)
     lacking = [key for key in _NAMES if stated.get(key, 0) < 1]

@@ -57,7 +57,7 @@ def _refuse(complaints: Iterable[str], where: str) -> None:
     found = next(iter(complaints), None)
     if found is not None:
         raise TableError(
-            f"expected the tables in {where} to agree with each other, found {found}; rows were lost, or they are of "
+            f"expected the tables in {where} to agree with each other, found {found}; rows were lost, or the tables are of "
             "different runs: take the run's folder again from where it was made, or run `porse repro` there"
         )
 

@@ -16,28 +16,29 @@ HEAD = """# The data
 `python -m porse.report.data_page docs` writes this page from `porse/tables.py`; do not edit it. `porse tables` prints the same
 dictionary.
 
-A run leaves its tables in `results/`, as Parquet; a suite leaves those of each entry in `.porse/suites/NAME/results/ENTRY/results/`.
+A run writes its tables to `results/`, as Parquet. A suite keeps those of each entry in `.porse/suites/NAME/results/ENTRY/results/`.
 No column is ever null. Rows are sorted by the key, and the same run gives the same bytes. `feedback`, `members` and
-`member_feedback` lie in `run/N/start/`, where an iteration starts from.
+`member_feedback` lie in `run/N/start/`, where iteration N starts.
 
-Any reader of Parquet will do. The examples want `pip install duckdb pandas` and run where `results/` is; a test runs them.
+Any Parquet reader works. The examples need `pip install duckdb pandas` and run in the folder that holds `results/`; a test runs
+them.
 
-## How tables fit together
+## How the tables fit together
 
-- `iteration` and `candidate_id` name a training: `candidates` has a row for each, `curves` its epochs, `scores` its rank after
-  every rung that it was in, `survivors` the ranks of those that went on, `mutants` what is special about a mutant. An elite is a
-  candidate of two iterations with functions of the first.
-- `parent_id` leads from a candidate to the one that it comes from, by joining `candidates` with itself.
-- `reward_key` and `mapping_key` lead to `key` in `replies` and in `verdicts`, and from there to the record in `llm_cache/`.
-- `winner_id` of `iterations` is a `candidate_id` of that iteration.
-- `evaluation`, `seeds` and `episodes` are about the winning lineage alone.
+- `iteration` and `candidate_id` identify a training. `candidates` has a row for each, `curves` its epochs, `scores` its rank after
+  each of its rungs, `survivors` the ranks of those that went on, and `mutants` what is special about a mutant. An elite is a
+  candidate of two iterations, with functions from the first.
+- `parent_id` leads from a candidate to its parent; join `candidates` with itself.
+- `reward_key` and `mapping_key` lead to `key` in `replies` and in `verdicts`, and to the record in `llm_cache/`.
+- `winner_id` in `iterations` is a `candidate_id` of that iteration.
+- `evaluation`, `seeds` and `episodes` describe the winning lineage only.
 
-`porse report` and `porse trends` check that the tables of a run agree in counts and ids.
+`porse report` and `porse trends` check that counts and ids agree across the tables of a run.
 """
 
 EXAMPLES = '''## With DuckDB
 
-The winners, and what their bonus was worth:
+The winners and the share of their bonus:
 
 ```python
 import duckdb
@@ -51,7 +52,7 @@ winners = duckdb.sql("""
 print(winners)
 ```
 
-Who was in each rung, best first, and how each ended:
+The candidates of each rung, best first, with the reasons of failures:
 
 ```python
 import duckdb
@@ -65,7 +66,7 @@ rungs = duckdb.sql("""
 print(rungs)
 ```
 
-Why functions did not pass, and who had written them:
+Why functions did not pass, and who wrote them:
 
 ```python
 import duckdb
@@ -80,7 +81,7 @@ reasons = duckdb.sql("""
 print(reasons)
 ```
 
-Several runs at once, those of a suite: `filename` says which entry a row is of.
+Several runs at once, for example a suite; `filename` names the entry of a row:
 
 ```python
 import duckdb
@@ -97,7 +98,7 @@ print(best)
 
 ## With pandas
 
-Fitness by epoch, a column for each candidate of the last iteration:
+Fitness by epoch, with a column for each candidate of the last iteration:
 
 ```python
 import pandas
@@ -108,7 +109,7 @@ fitness = last.pivot(index="epoch", columns="candidate_id", values="value")
 print(fitness)
 ```
 
-What each component of a winner's reward did, from its first epoch to its last:
+Each component of a winner's reward in its first and last epoch:
 
 ```python
 import pandas
@@ -120,7 +121,7 @@ components = own[own.series.str.startswith("component/")].groupby(["iteration", 
 print(components)
 ```
 
-The final success, and how far it is spread:
+The final success and its spread:
 
 ```python
 import pandas
@@ -147,7 +148,7 @@ def _lines(table: Table) -> Iterator[str]:
     if table.also:
         yield f"No two rows have the same {' and '.join(f'`{name}`' for name in table.also)} either."
     if table in _BETWEEN:
-        yield "It is in `run/N/start/` and not in `results/`."
+        yield "This table is in `run/N/start/`, not in `results/`."
     yield ""
     yield "| column | type | meaning |"
     yield "| --- | --- | --- |"

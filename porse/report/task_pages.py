@@ -18,82 +18,83 @@ LEARNED = "learning.csv"
 """What the human rewards teach; written by `porse.report.learning`, not here."""
 
 WIDTH, HEIGHT = 320, 240
+COLUMNS = 4
 
 HEAD = """# The tasks
 
-The 24 tasks of the paper and `SwitchReachable`, rebuilt in MuJoCo. Names, observations, actions, variables, rewards, ends of
-episodes and fitness are those of the Isaac Gym and Bi-DexHands tasks. Scenes are our own, with the originals' dimensions,
-masses and joint ranges. Where MuJoCo forces a departure, the page of the task says so.
+The paper's 24 tasks and `SwitchReachable` are rebuilt in MuJoCo. Names, observations, actions, variables, rewards, ends of
+episodes and fitness are those of the Isaac Gym and Bi-DexHands tasks. The scenes are our own, with the originals' dimensions,
+masses and joint ranges. If MuJoCo forces a departure, the page of the task says so.
 
 `python -m porse.report.task_pages docs` writes this page, the page of each task and its picture; do not edit them.
 """
 
-COMMON = """## What holds for all
+COMMON = """## What all tasks share
 
 - The first dimension is `num_envs`. Numbers are float32, in the world frame and in SI units; quaternions are (x, y, z, w).
-  Exceptions are named.
+  The pages name exceptions.
 - Actions lie in [-1, 1].
-- *Sparse reward* is the fitness of each step. *Human reward* is the original's own reward.
-- The fitness of an epoch is the mean over environments and steps in Quadcopter, Anymal and Humanoid. The others are solved
-  or not: there it is the original's statistic over episodes, at the epoch's end.
-- A training staggers its episodes. The first ones have a head start on the time limit, spread evenly over its length. Where
-  a task is solved or not, they have no outcome.
+- The *sparse reward* is the fitness of each step. The *human reward* is the original's own reward.
+- In Quadcopter, Anymal and Humanoid, the fitness of an epoch is the mean over environments and steps. The other tasks are
+  solved or not; their fitness is the original's statistic over episodes, at the end of the epoch.
+- A training staggers its episodes: the first ones have head starts, spread evenly over the time limit. If a task is solved
+  or not, episodes with a head start have no outcome.
 - A simulation that diverges starts again. Its episode ends, and `blown_up` counts it.
-- Texts for the model say what the originals' texts say, in our own words. The originals swap the texts of opening and
-  closing doors, and speak of a bottle in Switch; ours say what each task is. CatchOver2Underarm's text keeps the original's
-  second egg.
-- Every name that functions written for the originals read is there, with the original's meaning. Two differ in form.
-  `root_state_tensor` is `(num_envs, actors, 13)`; the originals have one array of all actors. So `object_indices` and its
-  like are columns, and `root_state_tensor[object_indices, 0:3]` is read as it is meant. `fingertip_handles` are tuples of
-  ints.
+- The texts for the model say what the originals' texts say, in our own words. The originals swap the texts of opening and
+  closing doors, and speak of a bottle in Switch; ours say what each task is. The text of CatchOver2Underarm keeps the
+  original's second egg.
+- Functions written for the originals find all their names, with the original's meaning. Two names differ in form:
+  `root_state_tensor` is `(num_envs, actors, 13)`, where the originals have one array of all actors; therefore
+  `object_indices` and the like are columns, and `root_state_tensor[object_indices, 0:3]` works as intended.
+  `fingertip_handles` are tuples of ints.
 
-## What holds for the two-hand tasks
+## What the two-hand tasks share
 
 - Both hands are the right Shadow Hand of `gymnasium-robotics`, without gravity, with 20 position actuators each. A tendon
-  with a hard limit of 1 mm couples the last two joints of a finger. The original has a spring there, of stiffness 30 and
+  with a hard limit of 1 mm couples the last two joints of a finger. The original has a spring there, with stiffness 30 and
   damping 0.1.
 - Actions of fixed hands are 20 joint targets for the right hand and 20 for the left; -1 and 1 are the joint's limits. Actions
-  of free hands are 3 forces, 3 torques and 20 joint targets for each. Forces and torques act on the forearm, in the world
-  frame.
+  of free hands are 3 forces, 3 torques and 20 joint targets for each hand. Forces and torques act on the forearm, in the
+  world frame.
 - Links of free hands have the original's damping of 100 1/s, those of fixed hands 0.01 1/s (see *How things move*).
 - Force and torque sensors sit at the last finger links. A joint torque is the sum of actuator, passive and constraint torques.
-  Both are of the last physics step, and zero when an episode starts.
-- Start noise that would leave a joint's range is cut off at the range.
+  Both come from the last physics step, and are zero when an episode starts.
+- Start noise is clipped at the joint's range.
 - Some originals start an object inside the table, and the solver pushes it out. Ours start it on the table.
-- Contacts have an elliptic friction cone, and Newton's method with dense matrices solves them. With sparse ones, MuJoCo's own
-  choice, it sometimes does not converge, and fingers pressed between two bodies shoot away. An object's friction is the mean of
-  the original's pair, as PhysX combines them.
+- Contacts have an elliptic friction cone; Newton's method with dense matrices solves them. With sparse matrices, MuJoCo's
+  default, it sometimes does not converge, and fingers pressed between two bodies shoot away. An object's friction is the mean
+  of the original's pair, as PhysX combines them.
 - Weights of objects act as outer forces at their centres of mass, and gravity is off, since the hands are weightless.
-- A forearm is held off from the other hand 6 mm before they touch: two hands under full force close by 4.6 mm in one physics
-  step.
+- A forearm starts to repel the other hand 6 mm before they touch: under full force, two hands approach by 4.6 mm in one
+  physics step.
 - The joint springs that the originals set on doors, pen and bottle are off, as their drive mode says. Hinges and slides have a
   little friction instead.
-- `goal_pos` of doors, Scissors, Switch, Kettle, Pen and GraspAndPlace hangs 10 m above the object's start, as in the originals
+- `goal_pos` of doors, Scissors, Switch, Kettle, Pen and GraspAndPlace lies 10 m above the object's start, as in the originals
   (5 m in DoorOpenOutward, 1 m in SwingCup and BottleCap). It says nothing about the task.
 - Kettle, bucket, cup, pot, bottle, pen and scissors look round. They collide as boxes and cylinders that stand for the
   originals' meshes (group 3 in MuJoCo's viewer).
-- Rockers, lids and the like start every episode in the same place. Switch and Kettle of the original leave them where they
-  are.
+- Rockers, lids and similar parts start every episode in the same place. In the original, Switch and Kettle leave them where
+  they are.
 
 ## How things move
 
-- **Drag.** PhysX multiplies a damped link's velocity once a physics step, between outer forces and contacts:
-  v' = (1 - c dt) (v + F dt / m). With c = 100 1/s and dt = 0.008335 s a hand keeps a sixth of its velocity, and an action
-  of 1 (833 N) moves it at 0.28 m/s. All links of a hand have one c, for linear and angular velocity, and the velocities of
-  links are linear in those of joints. So we multiply the velocities of all joints of the hand, and the forces and torques
-  of the action, by 1 - c dt before each step; contacts and drives are not multiplied. The same motion of a free
-  body by MuJoCo's implicit damping, v' = (v + F dt / m) / (1 + c' dt), takes c' = c / (1 - c dt): 600 1/s, not 100. The
-  form is fitted to the published early training of the originals, which it reproduces and c' = 100 does not
-  ([calibration](calibration.csv)). It is not read from PhysX's code.
-- **Drives.** The force limit holds for stiffness and damping together, as in PhysX. The Panda's wrist has explicit gains
-  that do in a step what an implicit drive does, since MuJoCo's own would jerk it by 0.9 rad/s in every step. The damping of
-  its fingers stands beside the drive, whose limit their highest lead cannot exceed.
-- **Highest speeds.** The Panda's targets lead its joints by no more than drives them at the robot's 2.175, 2.61 rad/s and
-  0.2 m/s; blows can still turn its wrist faster. The quadruped's joints begin a physics step at 20 rad/s at most and end
-  it at up to 25. Doors (100), pen (1 m/s) and Shadow Hand (none) never come near their bounds.
-- **Not known.** Does PhysX scale the damping as above in all versions? Does a force act in both physics steps of a control
-  step (here: yes) or in the first? Have the originals' objects Isaac Gym's default damping (here: none)? Do joint springs of
-  doors, pen and bottle act (here: no)? The humanoid's link damping of 0.01 1/s is left out.
+- **Drag.** PhysX multiplies a damped link's velocity once per physics step, between outer forces and contacts:
+  v' = (1 - c dt) (v + F dt / m). With c = 100 1/s and dt = 0.008335 s, a hand keeps a sixth of its velocity, and an action
+  of 1 (833 N) moves it at 0.28 m/s. All links of a hand have the same c for linear and angular velocity, and the velocities
+  of links are linear in those of joints. So we multiply the velocities of all joints of the hand, and the forces and torques
+  of the action, by 1 - c dt before each step, but not contacts and drives. MuJoCo's implicit damping,
+  v' = (v + F dt / m) / (1 + c' dt), gives a free body the same motion with c' = c / (1 - c dt): 600 1/s, not 100. This form
+  reproduces the published early training of the originals, and c' = 100 does not ([calibration](calibration.csv)). It was
+  fitted to these data, not read from PhysX's code.
+- **Drives.** The force limit applies to stiffness and damping together, as in PhysX. The Panda's wrist has explicit gains
+  that have the effect of an implicit drive within a step, since MuJoCo's own drive would jerk it by 0.9 rad/s in every step.
+  The damping of its fingers acts beside the drive, whose limit their highest lead cannot exceed.
+- **Highest speeds.** The lead of the Panda's targets over its joints is limited to what drives them at the robot's 2.175,
+  2.61 rad/s and 0.2 m/s; blows can still turn its wrist faster. The quadruped's joints begin a physics step at 20 rad/s at
+  most and end it at up to 25. Doors (100), pen (1 m/s) and Shadow Hand (none) never come near their bounds.
+- **Open questions.** Does PhysX scale the damping as above in all versions? Does a force act in both physics steps of a
+  control step (here: yes) or in the first only? Do the originals' objects have Isaac Gym's default damping (here: none)? Do
+  joint springs of doors, pen and bottle act (here: no)? The humanoid's link damping of 0.01 1/s is left out.
 
 ## Calibration
 
@@ -101,11 +102,11 @@ COMMON = """## What holds for all
 python -m porse.report.calibration docs/calibration.csv
 ```
 
-writes [calibration.csv](calibration.csv). It holds return and shortest episode of random actions N(0, 0.8), clipped, and of
-zero action, for all tasks. Where the originals' first training figures are published, it says whether ours agree: a return
-within a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated; that is
-all of Quadcopter, FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen
-and PushBlock, and zero action everywhere.
+writes [calibration.csv](calibration.csv): return and shortest episode of all tasks, under random actions N(0, 0.8), clipped,
+and under zero action. For originals with published figures of their first training, it says whether ours agree: a return within
+a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated: all of Quadcopter,
+FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen and PushBlock, and zero
+action everywhere.
 """
 
 
@@ -150,9 +151,20 @@ def _index(folder: Path) -> str:
         ),
     ]
     tags = [f"- *{tag}*: {meaning}." for tag, meaning in TAGS.items()]
+    gallery = ["## Gallery", "", *_gallery(list(TASKS)), ""]
     with (folder / LEARNED).open(encoding="utf-8", newline="") as file:
         learned = _learned(list(csv.DictReader(file)))
-    return "\n".join([HEAD, *rows, "", *tags, "", COMMON, HUMAN, *learned, ""])
+    return "\n".join([HEAD, *rows, "", *tags, "", *gallery, COMMON, HUMAN, *learned, ""])
+
+
+def _gallery(names: Sequence[str]) -> Iterator[str]:
+    """Yields a table of the tasks' pictures, each a link to its page."""
+    cells = [f"[![{name}]({PICTURES}/{name}.png)<br>{name}]({PAGES}/{name}.md)" for name in names]
+    yield "|" + " |" * COLUMNS
+    yield "|" + " --- |" * COLUMNS
+    for start in range(0, len(cells), COLUMNS):
+        row = cells[start : start + COLUMNS]
+        yield f"| {' | '.join(row + [''] * (COLUMNS - len(row)))} |"
 
 
 def _tags(name: str) -> str:
@@ -204,9 +216,9 @@ def _page(task: type[Task]) -> str:
         "",
         about[0].upper() + about[1:],
         "",
-        f"After {words[task.FAMILY]}. {sizes}.{tags} [What all tasks share](../tasks.md)",
+        f"Original: {words[task.FAMILY]}. {sizes}.{tags} [What all tasks share](../tasks.md)",
         "",
-        "## What it asks for",
+        "## The task",
         "",
         f"- **Text for the model**: *{task.DESCRIPTION}*.",
         f"- **An episode starts**: {task.STARTS}.",

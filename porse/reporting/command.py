@@ -43,7 +43,7 @@ def report(runs: tuple[Path, ...], compares: bool, baseline: str, out: Path, fil
 def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:
     if len(runs) > 1 or baseline or any(run.is_file() for run in runs):
         raise click.UsageError(
-            "expected one folder of a run, found more, a file or --baseline; several runs and suites want --compare"
+            "expected one folder of a run, found more, a file or --baseline; use --compare for several runs and suites"
         )
     run = runs[0] if runs else Path()
     results = read_results(run)

@@ -26,12 +26,12 @@ def suite() -> None:
 @suite.command()
 @FILE
 def run(file: Path) -> None:
-    """Run every entry of FILE that is not done, each in a clone of the project; a failed one stops nobody else."""
+    """Run every entry of FILE that is not done, each in a clone of the project. A failed entry does not stop the others."""
     failed = run_suite(load_suite(file), Path.cwd(), str(file), click.echo)
     if failed:
         raise PorseError(
             f"expected every entry of {file} to get to its end, found {len(failed)} that failed: {', '.join(failed)}; "
-            "mend what their logs say, and run the suite again"
+            "fix what their logs report, and run the suite again"
         )
 
 

@@ -69,6 +69,6 @@ def _call(where: Path, *command: str) -> str:
     done = subprocess.run(command, cwd=where, capture_output=True, text=True)
     if done.returncode:
         raise PorseError(
-            f"expected `{' '.join(command)}` to work in {where}, found: {' '.join(done.stderr.split())}; mend that first"
+            f"expected `{' '.join(command)}` to work in {where}, found: {' '.join(done.stderr.split())}; fix that first"
         )
     return done.stdout.strip()
