@@ -140,7 +140,7 @@ def test_the_guard_hands_its_arguments_on_and_ends_as_dvc_does(locked):
     process = start(locked)
     output, _ = process.communicate()
     # No stage said anything: nothing was left to do, and the status is all.
-    assert (process.returncode, " of 58 stages, " in output.splitlines()[0]) == (0, True)
+    assert (process.returncode, " stages, " in output.splitlines()[0]) == (0, True)
     # A pipeline that is not what the parameters say is written first.
     path = locked / "params.yaml"
     path.write_text(path.read_text().replace("  next: result", "  next: 3\n- n: 3\n  next: result"))
