@@ -31,6 +31,7 @@ _LAZY = {
     "llm": "porse.estimate:llm",
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",
+    "estimate": "porse.effort:estimate",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",

@@ -29,7 +29,8 @@ from porse.training.start import random_policy
 from samples import MAPPING, NOT_FINITE, RAISES, REWARD, program
 
 LIMITS = Limits(workers=2, crowd=2, memory_mib=600, silence_s=120)
-UNTIL = FIRST + 3
+UNTIL = FIRST + 5
+"""More than a part and a half."""
 
 
 class Threads:
@@ -139,7 +140,7 @@ def test_a_training_in_parts_leaves_the_bytes_and_the_rows_of_one_at_once(small,
     told = []
     outcome = train_in_parts(apart, small, folder, 0, 1e-9, run, told.append)
     # An epoch takes longer than a nanosecond: after the first part, one at a time.
-    assert lengths == [(0, 8), (8, 9), (9, 10), (10, 11)]
+    assert lengths == [(0, 8), (8, 9), (9, 10), (10, 11), (11, 12), (12, 13)]
     assert outcome == ends["whole"]
     assert apart.finish.read_bytes() == whole.finish.read_bytes()
     assert [(report.epoch, report.fitness) for report in told] == [(r.epoch, r.fitness) for r in reports]
@@ -171,7 +172,7 @@ def test_another_attempt_goes_on_after_the_last_whole_part(small, start, tmp_pat
         Inline().run([part], params, tell)
 
     outcome = train_in_parts(apart, small, folder, 1, 600, again, told.append)
-    assert [report.epoch for report in told] == [10, 11]
+    assert [report.epoch for report in told] == [10, 11, 12, 13]
     assert outcome == ends["whole"]
     assert apart.finish.read_bytes() == whole.finish.read_bytes()
 
