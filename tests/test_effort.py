@@ -11,6 +11,7 @@ from porse.cli import main
 from porse.config import load_document, parse_params
 from porse.effort import Effort, Measured, changed, effort_of, measure, measured_size, rung_s
 from porse.errors import ParamsError
+from porse.pipeline import check_pipeline
 from porse.search.schedule import total_epochs, work
 from porse.task_names import TASK_CLASSES
 from tiny import ROOT
@@ -93,6 +94,8 @@ def test_the_papers_size_of_every_task_has_the_papers_schedule(task, document):
     # Algorithm 1 with H = 500: 500 (6 + 5 + 4) + 5 x 1500 + 500 (3 + 2 + 1), five times.
     assert [sum(cost.epochs for cost in work(params, entry.n)) for entry in params.iterations] == [18_000] * 5
     assert total_epochs(params) == 90_000
+    # The committed pipeline is this one's, too: `dvc exp run -S task=... -S size=paper` starts it.
+    check_pipeline(ROOT, params)
     found = effort_of(params, MEASURED, 2, 3, 0, 0)
     assert found.steps == 120_000 * params.train.num_envs * params.train.steps_per_epoch
     # An epoch that is measured is a short one, of whole minibatches.

@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -83,20 +83,36 @@ def ray_machines() -> Iterator[Machines]:
         yield _Ray(ray)
 
 
-@contextmanager
-def ray_here() -> Iterator[dict[str, str]]:
-    """Starts Ray on this machine while the block runs, and gives the variables by which other processes connect to it.
+@dataclass(frozen=True)
+class Here:
+    """A cluster that this process is connected to.
 
-    Where RAY_ADDRESS names a cluster, nothing is started and nothing is to be said.
+    Attributes:
+        environment: the variables by which other processes of this machine connect to it.
+        cpus: CPUs of all machines.
+        gpus: GPUs of all machines.
     """
-    if os.environ.get(ADDRESS_VARIABLE):
-        yield {}
-        return
+
+    environment: Mapping[str, str]
+    cpus: int
+    gpus: int
+
+
+@contextmanager
+def ray_here() -> Iterator[Here]:
+    """Connects to the cluster that RAY_ADDRESS names, or starts one on this machine, for a run of many stages.
+
+    Raises:
+        ParamsError: as for `ray_machines`.
+    """
+    check_ray()
     with ray_machines():
         import ray
 
-        address = ray.get_runtime_context().gcs_address
-        yield {ADDRESS_VARIABLE: address, TOKEN_VARIABLE: os.environ[TOKEN_VARIABLE]}
+        found, address = ray.cluster_resources(), ray.get_runtime_context().gcs_address
+        names = {ADDRESS_VARIABLE: address, TOKEN_VARIABLE: os.environ.get(TOKEN_VARIABLE, "")}
+        environment = {name: value for name, value in names.items() if value}
+        yield Here(environment, int(found.get("CPU", 0)), int(found.get("GPU", 0)))
 
 
 @contextmanager

@@ -30,6 +30,11 @@ class Executor(Protocol):
         ...
 
 
+def uses_ray() -> bool:
+    """Returns whether trainings go to the machines of a Ray cluster."""
+    return os.environ.get(EXECUTOR_VARIABLE, "") == "ray"
+
+
 def executor_from_environment() -> Executor:
     """Returns the executor that PORSE_EXECUTOR names.
 
@@ -43,7 +48,7 @@ def executor_from_environment() -> Executor:
         return Local(limits_from_environment())
     if name == "inline":
         return Inline()
-    if name == "ray":
+    if uses_ray():
         check_ray()
         return Remote(limits_from_environment(), checkpoint_s(), ray_machines)
     raise ParamsError(
