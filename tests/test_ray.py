@@ -16,11 +16,12 @@ ray = pytest.importorskip("ray", reason="Ray is not installed: pip install --no-
 
 from porse.checkpoint import write_checkpoint  # noqa: E402
 from porse.errors import ParamsError, PorseError  # noqa: E402
+from porse.training import remote  # noqa: E402
 from porse.training.cluster import TOKEN_VARIABLE, ray_here, ray_machines  # noqa: E402
 from porse.training.executor import EXECUTOR_VARIABLE, executor_from_environment  # noqa: E402
 from porse.training.job import Ended, Job, Report  # noqa: E402
 from porse.training.limits import CHECKPOINT_VARIABLE, MEMORY_VARIABLE, WORKERS_VARIABLE  # noqa: E402
-from porse.training.parts import FIRST  # noqa: E402
+from porse.training.parts import FIRST, last_part  # noqa: E402
 from porse.training.population import train_pool  # noqa: E402
 from porse.training.remote import Errand  # noqa: E402
 from porse.training.start import random_policy  # noqa: E402
@@ -58,7 +59,7 @@ def environment(monkeypatch, tmp_path):
 def jobs(start: Path, out: Path, until: int) -> list[Job]:
     """Three candidates, one of which fails."""
     out.mkdir()
-    rewards = {"good": (1, REWARD), "bad": (2, NOT_FINITE), "calm": (3, REWARD)}
+    rewards = {"good": (1, REWARD), "calm": (3, REWARD), "bad": (2, NOT_FINITE)}
     return [
         Job(name, program(reward), program(MAPPING), 1.0, start, out / f"{name}.safetensors", until, seed)
         for name, (seed, reward) in rewards.items()
@@ -76,7 +77,7 @@ def local(small, start, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(EXECUTOR_VARIABLE, raising=False)
         outcomes = train_pool(jobs(start, out, UNTIL), small, lambda event: None)
-    assert [bool(outcome.failure) for outcome in outcomes] == [False, True, False]
+    assert [bool(outcome.failure) for outcome in outcomes] == [False, False, True]
     return outcomes, files(out)
 
 
@@ -137,7 +138,7 @@ def test_two_machines_one_of_which_is_lost_in_the_middle_of_a_rung_leave_the_sam
     from ray.cluster_utils import Cluster
 
     environment.setenv(EXECUTOR_VARIABLE, "ray")
-    environment.setenv(CHECKPOINT_VARIABLE, "1")
+    environment.setenv(CHECKPOINT_VARIABLE, "10")
     environment.setenv("RAY_USAGE_STATS_ENABLED", "0")
     environment.setenv("RAY_AUTH_MODE", "token")
     common = {"num_cpus": 1, "object_store_memory": 100 * 2**20, "node_ip_address": "127.0.0.1"}
@@ -154,14 +155,27 @@ def test_two_machines_one_of_which_is_lost_in_the_middle_of_a_rung_leave_the_sam
                 return
             reports.setdefault(event.name, []).append(event.epoch)
             # Both machines are at work, with a checkpoint behind them: whoever is on the second one loses it.
-            alive = [name for name, epochs in reports.items() if epochs[-1] > 2 * FIRST]
+            alive = [name for name, epochs in reports.items() if FIRST + 1 < epochs[-1] < UNTIL]
             if len(alive) == 2 and not lost:
                 lost.extend(alive)
                 cluster.remove_node(second, allow_graceful=False)
 
+        orders: list[tuple[int, int]] = []
+        errand = remote._Training.errand
+
+        def note(self, *arguments):
+            part = last_part(self._folder)
+            orders.append((self._attempt, part.epoch if part else 0))
+            return errand(self, *arguments)
+
+        environment.setattr(remote._Training, "errand", note)
         out = tmp_path / "out"
         outcomes = train_pool(jobs(start, out, UNTIL), small, tell)
         assert sorted(lost) == ["calm", "good"]
+        # Three orders from the start, and one more, from a checkpoint in the middle.
+        assert orders[:3] == [(0, 0)] * 3
+        assert [attempt for attempt, _ in orders[3:]] == [1]
+        assert FIRST <= orders[3][1] < UNTIL
         assert sum(node["Alive"] for node in ray.nodes()) == 1
         assert outcomes == local[0]
         assert files(out) == local[1]

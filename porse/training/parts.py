@@ -74,7 +74,7 @@ def train_in_parts(
         rows = [*start.rows, *outcome.rows]
         if until == job.until:
             return Outcome(rows, "")
-        old, start, pace = start, Part(until, finish, rows), clock.pace
+        old, start, pace = start, Part(until, finish, rows), clock.pace or pace
         _write(start, folder / f"{attempt}-{until}.json")
         if old.checkpoint.name.startswith(f"{attempt}-") and old.checkpoint.parent == folder:
             old.checkpoint.with_suffix(".json").unlink()
