@@ -15,7 +15,7 @@ import click
 from porse import numerics
 from porse.config import Params, load_document, parse_params
 from porse.documents import parse_yaml
-from porse.errors import ParamsError
+from porse.errors import ParamsError, PorseError
 from porse.estimate import estimated, planned_questions
 from porse.llm.record import Record
 from porse.llm.store import Store
@@ -26,6 +26,7 @@ from porse.task_names import is_own
 from porse.training.bar import in_words
 from porse.training.limits import limits_from_environment
 from porse.training.memory import training_mib
+from porse.training.remote import gpus_of
 
 DAY_S = 86_400
 MEASURED_STEPS = 4096
@@ -180,6 +181,9 @@ def measured_size(params: Params) -> int:
     """Returns with how many environments an epoch is measured: halved until it is short, as far as minibatches allow."""
     train = params.train
     count = train.num_envs
+    if on_gpu(params):
+        # Twice the environments do not take twice the time there.
+        return count
     while count * train.steps_per_epoch > MEASURED_STEPS and count % 2 == 0 and count > 2:
         if (count // 2 * train.steps_per_epoch) % train.minibatches:
             break
@@ -190,15 +194,18 @@ def measured_size(params: Params) -> int:
 def measure(params: Params, seconds: float) -> Measured:
     """Returns what trainings of these parameters take, after training with the human reward for about so many seconds.
 
-    Counted is processor time, so that other work on the machine changes little; an epoch is trained first that is not counted.
+    Counted is processor time, so that other work on the machine changes little, and on a GPU the time on the clock. What is
+    loaded and compiled before the first epoch is not counted.
+
+    Raises:
+        PorseError: the training fails.
     """
     # Imported here: torch takes seconds, and must find the numeric profile set.
     from porse.checkpoint import read_checkpoint, write_checkpoint
-    from porse.tasks import make_task
-    from porse.training.candidate import reward_of
-    from porse.training.job import Job
+    from porse.tasks import find_task
+    from porse.training.candidate import train_candidate
+    from porse.training.job import Job, Outcome
     from porse.training.start import random_policy
-    from porse.training.trainer import Trainer
 
     count = measured_size(params)
     small = dataclasses.replace(
@@ -206,31 +213,44 @@ def measure(params: Params, seconds: float) -> Measured:
         train=dataclasses.replace(params.train, num_envs=count),
         candidate=dataclasses.replace(params.candidate, goal="human", bonus="none", beta=0.0),
     )
+    clock = time.perf_counter if on_gpu(params) else time.process_time
+    times: list[float] = []
+
+    def train(start: Path, finish: Path, until: int) -> Outcome:
+        times.clear()
+        job = Job("measured", "", "", 0.0, start, finish, until, small.seed)
+        outcome = train_candidate(job, small, lambda epoch, fitness: times.append(clock()))
+        if outcome.failure:
+            raise PorseError(
+                f"expected a training of {small.task} with its human reward to run, found that {outcome.failure}; "
+                "change the parameters that it is trained with"
+            )
+        return outcome
+
     with tempfile.TemporaryDirectory() as folder:
-        start, finish = Path(folder, "start.safetensors"), Path(folder, "finish.safetensors")
+        start, first, last = (Path(folder, f"{name}.safetensors") for name in ("start", "first", "last"))
         write_checkpoint(start, random_policy(small, 1))
-        task = make_task(small.task, count, small.seed)
-        job = Job("measured", "", "", 0.0, start, finish, 1, small.seed)
-        trainer = Trainer(task, reward_of(job, task, small), small.train, small.seed)
-        trainer.load(start)
-        trainer.train(1, lambda epoch, fitness: None, lambda epoch: None)
-        begun, ends = time.process_time(), time.monotonic() + seconds
-        rows = 0
-        while trainer.epoch < 2 or time.monotonic() < ends:
-            rows = len(trainer.train(trainer.epoch + 1, lambda epoch, fitness: None, lambda epoch: None))
-        took = time.process_time() - begun
-        trainer.save(finish)
-        size, checkpoint = finish.stat().st_size, read_checkpoint(finish)
-    of_envs = sum(a.nbytes for part in ("task", "reward") for a in checkpoint.part(part).values())
-    steps = (trainer.epoch - 1) * count * small.train.steps_per_epoch
+        train(start, first, 2)
+        # The first report is at the end of an epoch: from there on only epochs are counted.
+        more = 2 + max(0, int(seconds / max(times[1] - times[0], 1e-6)) - 1)
+        outcome = train(first, last, 2 + more)
+        epoch_s = (times[-1] - times[0]) / (len(times) - 1)
+        size, checkpoint = last.stat().st_size, read_checkpoint(last)
+    of_envs = sum(array.nbytes for part in ("task", "reward") for array in checkpoint.part(part).values())
+    task = find_task(small.task)
     return Measured(
-        step_s=took / steps,
+        step_s=epoch_s / (count * small.train.steps_per_epoch),
         fixed_bytes=size - of_envs + _count_bytes(params),
         env_bytes=of_envs / count,
-        series=rows,
+        series=math.ceil(len(outcome.rows) / len(times)),
         observations=task.NUM_OBSERVATIONS,
         actions=task.NUM_ACTIONS,
     )
+
+
+def on_gpu(params: Params) -> bool:
+    """Returns whether trainings run on a GPU."""
+    return gpus_of(params) > 0
 
 
 def _count_bytes(params: Params) -> int:
@@ -294,7 +314,11 @@ def estimate(
     numerics.apply(params.numerics)
     replies, recorded = _replies(params, prompts, cache)
     limits = limits_from_environment()
-    at_once, crowd = (workers, workers) if workers else (limits.workers, limits.crowd)
+    if workers or on_gpu(params):
+        # A GPU is for one training at a time.
+        at_once = crowd = workers or 1
+    else:
+        at_once, crowd = limits.workers, limits.crowd
     effort = effort_of(params, measure(params, seconds), at_once, crowd, replies, recorded)
     if as_json:
         click.echo(json.dumps({**dataclasses.asdict(effort), "warning": effort.warning}, indent=2))

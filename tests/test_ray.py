@@ -8,27 +8,28 @@ import dataclasses
 import os
 import re
 import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-ray = pytest.importorskip("ray", reason="Ray is not installed: pip install --no-deps -r requirements-ray.lock")
-
-from porse.checkpoint import write_checkpoint  # noqa: E402
-from porse.errors import ParamsError, PorseError  # noqa: E402
-from porse.training import remote  # noqa: E402
-from porse.training.cluster import TOKEN_VARIABLE, ray_here, ray_machines  # noqa: E402
-from porse.training.executor import EXECUTOR_VARIABLE, executor_from_environment  # noqa: E402
-from porse.training.job import Ended, Job, Report  # noqa: E402
-from porse.training.limits import CHECKPOINT_VARIABLE, MEMORY_VARIABLE, WORKERS_VARIABLE  # noqa: E402
-from porse.training.parts import FIRST, last_part  # noqa: E402
-from porse.training.population import train_pool  # noqa: E402
-from porse.training.remote import Errand  # noqa: E402
-from porse.training.start import random_policy  # noqa: E402
-from samples import MAPPING, NOT_FINITE, REWARD, program  # noqa: E402
+from porse.checkpoint import write_checkpoint
+from porse.errors import ParamsError, PorseError
+from porse.training import remote
+from porse.training.cluster import MODE_VARIABLE, TOKEN_VARIABLE, ray_here, ray_machines
+from porse.training.executor import EXECUTOR_VARIABLE, executor_from_environment
+from porse.training.job import Ended, Job, Report
+from porse.training.limits import CHECKPOINT_VARIABLE, MEMORY_VARIABLE, WORKERS_VARIABLE
+from porse.training.parts import FIRST, last_part
+from porse.training.population import train_pool
+from porse.training.remote import Errand
+from porse.training.start import random_policy
+from samples import MAPPING, NOT_FINITE, REWARD, program
 
 pytestmark = [
     pytest.mark.ray,
+    pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed: `make ray` installs it"),
     pytest.mark.timeout(1200),
     # Ray leaves sockets, files and processes to the end of its session.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
@@ -36,6 +37,7 @@ pytestmark = [
 ]
 
 UNTIL = 300
+TOKEN = "0123456789abcdef" * 4
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +49,15 @@ def start(small, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def environment(monkeypatch, tmp_path):
-    for name in ("RAY_ADDRESS", TOKEN_VARIABLE):
-        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
     monkeypatch.setenv(WORKERS_VARIABLE, "2")
     monkeypatch.setenv(MEMORY_VARIABLE, "600")
     monkeypatch.setenv("SOME_API_KEY", "secret-of-the-driver")
-    monkeypatch.setenv(TOKEN_VARIABLE, "0123456789abcdef" * 4)
+    # Ray reads them when it is imported, and once for a process.
+    monkeypatch.setenv(MODE_VARIABLE, "token")
+    monkeypatch.setenv(TOKEN_VARIABLE, TOKEN)
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     return monkeypatch
 
 
@@ -86,7 +91,7 @@ def of_ray() -> dict[int, str]:
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if f"{TOKEN_VARIABLE}={'0123456789abcdef' * 4}".encode() in (folder / "environ").read_bytes():
+            if f"{TOKEN_VARIABLE}={TOKEN}".encode() in (folder / "environ").read_bytes():
                 found[int(folder.name)] = (folder / "cmdline").read_bytes().decode().replace("\0", " ")
     found.pop(os.getpid(), None)
     return found
@@ -128,19 +133,17 @@ def test_ray_on_one_machine_leaves_the_bytes_of_local_processes_and_nothing_else
     assert seen["listening"] <= {"127.0.0.1", "[::ffff:127.0.0.1]", "[::1]"}
     assert seen["session"] == ["porse-ray-"]
     assert list((tmp_path / "ray").iterdir()) == []
-    assert not ray.is_initialized()
     assert not any("dashboard/dashboard.py" in line for line in seen["processes"])
 
 
 def test_two_machines_one_of_which_is_lost_in_the_middle_of_a_rung_leave_the_same_bytes(
     small, start, tmp_path, environment, local
 ):
+    import ray
     from ray.cluster_utils import Cluster
 
     environment.setenv(EXECUTOR_VARIABLE, "ray")
     environment.setenv(CHECKPOINT_VARIABLE, "10")
-    environment.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    environment.setenv("RAY_AUTH_MODE", "token")
     common = {"num_cpus": 1, "object_store_memory": 100 * 2**20, "node_ip_address": "127.0.0.1"}
     cluster = Cluster(initialize_head=True, head_node_args={**common, "include_dashboard": False})
     try:
@@ -193,7 +196,8 @@ def test_a_cluster_for_a_whole_run_is_found_by_its_stages_and_one_that_is_not_th
 ):
     environment.setenv(EXECUTOR_VARIABLE, "ray")
     with ray_here() as found:
-        assert set(found) == {"RAY_ADDRESS", TOKEN_VARIABLE}
+        assert set(found.environment) == {"RAY_ADDRESS", MODE_VARIABLE, TOKEN_VARIABLE}
+        assert (found.cpus, found.gpus >= 0) == (2, True)
         code = (
             "from porse.training.cluster import ray_machines\n"
             "from porse.training.remote import Errand\n"
@@ -202,8 +206,10 @@ def test_a_cluster_for_a_whole_run_is_found_by_its_stages_and_one_that_is_not_th
             "    while not machines.ended([one], 1): pass\n"
             "    print(machines.answer(one))\n"
         )
-        command = [str(Path(os.sys.executable)), "-c", code]
-        done = subprocess.run(command, env={**os.environ, **found}, capture_output=True, text=True, timeout=300)
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(
+            command, env={**os.environ, **found.environment}, capture_output=True, text=True, timeout=300
+        )
         assert done.stdout.strip().endswith("hello"), done.stderr
     environment.setenv("RAY_ADDRESS", "127.0.0.1:1")
     environment.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")

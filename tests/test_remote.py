@@ -318,14 +318,10 @@ def test_parameters_and_jobs_travel_as_json(params, start, tmp_path):
 
 def test_a_training_has_a_gpu_to_itself_where_its_device_is_one(params):
     @dataclasses.dataclass
-    class Train:
+    class Some:
         device: str
 
-    @dataclasses.dataclass
-    class Some:
-        train: Train
-
-    assert [gpus_of(Some(Train(device))) for device in ("cpu", "cuda:0")] == [0, 1]
+    assert [gpus_of(Some(device)) for device in ("cpu", "warp-cpu", "cuda:0")] == [0, 0, 1]
     assert gpus_of(params) == 0
 
 

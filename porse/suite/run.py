@@ -22,6 +22,7 @@ from porse.suite.plan import Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
 from porse.training.cluster import Here, ray_here
 from porse.training.executor import uses_ray
+from porse.training.remote import is_on_gpu
 from porse.warm.start import warm_server
 
 _KEPT_LINES = 20
@@ -86,7 +87,7 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
 
 def entries_at_once(cluster: Here, entries: Sequence[Resolved]) -> int:
     """Returns how many entries fill a cluster: each trains about as many candidates at once as it begins with."""
-    on_gpus = any(str(resolved.params["train"].get("device", "cpu")).startswith("cuda") for resolved in entries)
+    on_gpus = any(is_on_gpu(resolved.params.get("device", "cpu")) for resolved in entries)
     candidates = max(resolved.params["generate"]["candidates"] for resolved in entries)
     return max(1, (cluster.gpus if on_gpus else cluster.cpus) // candidates)
 

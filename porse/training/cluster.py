@@ -24,12 +24,12 @@ from porse.training.limits import WORKERS_VARIABLE, workers
 from porse.training.reason import last_words
 from porse.training.remote import Errand, LostError, Machines
 
-ADDRESS_VARIABLE, FOLDER_VARIABLE, TOKEN_VARIABLE = "RAY_ADDRESS", "RAY_TMPDIR", "RAY_AUTH_TOKEN"
-"""Ray's own names: the cluster to connect to, where its files of a session go, and what shows that one belongs to it."""
+ADDRESS_VARIABLE, FOLDER_VARIABLE = "RAY_ADDRESS", "RAY_TMPDIR"
+MODE_VARIABLE, TOKEN_VARIABLE = "RAY_AUTH_MODE", "RAY_AUTH_TOKEN"
+"""Ray's own names: the cluster to connect to, where its files of a session go; whether a token is asked for, and which."""
 
 _QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_AUTH_MODE": "token",
     # What Ray will do by itself one day, and warns of until then.
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
@@ -73,7 +73,12 @@ def ray_machines() -> Iterator[Machines]:
     Raises:
         ParamsError: there is no cluster at that address, or PORSE_WORKERS is no number.
     """
-    os.environ.update({name: os.environ.get(name, value) for name, value in _QUIET.items()})
+    for name, value in _QUIET.items():
+        os.environ.setdefault(name, value)
+    if not os.environ.get(ADDRESS_VARIABLE):
+        # Read when Ray is imported. Without one, Ray would write a token into the home folder.
+        os.environ.setdefault(MODE_VARIABLE, "token")
+        os.environ.setdefault(TOKEN_VARIABLE, secrets.token_hex(32))
     import ray
 
     if ray.is_initialized():
@@ -110,8 +115,8 @@ def ray_here() -> Iterator[Here]:
         import ray
 
         found, address = ray.cluster_resources(), ray.get_runtime_context().gcs_address
-        names = {ADDRESS_VARIABLE: address, TOKEN_VARIABLE: os.environ.get(TOKEN_VARIABLE, "")}
-        environment = {name: value for name, value in names.items() if value}
+        environment = {name: os.environ[name] for name in (MODE_VARIABLE, TOKEN_VARIABLE) if name in os.environ}
+        environment[ADDRESS_VARIABLE] = address
         yield Here(environment, int(found.get("CPU", 0)), int(found.get("GPU", 0)))
 
 
@@ -134,8 +139,6 @@ def _connected(ray: Any) -> Iterator[None]:
 @contextmanager
 def _started(ray: Any) -> Iterator[None]:
     """Starts Ray on this machine, with a folder that is taken away at the end, and ends it."""
-    # Ray would write one into the home folder.
-    os.environ.setdefault(TOKEN_VARIABLE, secrets.token_hex(32))
     folder = tempfile.mkdtemp(prefix="porse-ray-", dir=os.environ.get(FOLDER_VARIABLE) or None)
     try:
         with _environment({**machine_environment(os.environ), **_rays_own(os.environ)}):

@@ -223,5 +223,10 @@ class _Training:
 
 
 def gpus_of(params: Params) -> int:
-    """Returns how many GPUs a training has to itself: one where `train.device` names one."""
-    return int(str(getattr(params.train, "device", "cpu")).startswith("cuda"))
+    """Returns how many GPUs a training has to itself: one where `device` names one."""
+    return int(is_on_gpu(getattr(params, "device", "cpu")))
+
+
+def is_on_gpu(device: str) -> bool:
+    """Returns whether a device, as `params.yaml` names it, is a GPU."""
+    return device.startswith("cuda")
