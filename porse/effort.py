@@ -236,7 +236,8 @@ def measure(params: Params, seconds: float) -> Measured:
         outcome = train(first, last, 2 + more)
         epoch_s = (times[-1] - times[0]) / (len(times) - 1)
         size, checkpoint = last.stat().st_size, read_checkpoint(last)
-    of_envs = sum(array.nbytes for part in ("task", "reward") for array in checkpoint.part(part).values())
+    state = [array for part in ("task", "reward") for array in checkpoint.part(part).values()]
+    of_envs = sum(array.nbytes for array in state if array.shape[:1] == (count,))
     task = find_task(small.task)
     return Measured(
         step_s=epoch_s / (count * small.train.steps_per_epoch),

@@ -28,11 +28,18 @@ ADDRESS_VARIABLE, FOLDER_VARIABLE = "RAY_ADDRESS", "RAY_TMPDIR"
 MODE_VARIABLE, TOKEN_VARIABLE = "RAY_AUTH_MODE", "RAY_AUTH_TOKEN"
 """Ray's own names: the cluster to connect to, where its files of a session go; whether a token is asked for, and which."""
 
-_QUIET = {
+LOOPBACK_VARIABLE = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+"""Ray's own name, too: with 0, a machine is 127.0.0.1 to itself. Otherwise Ray reads 127.0.0.1 in an address as the machine's own
+address in the network, at which a cluster that listens on this machine alone does not answer."""
+
+QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # What Ray will do by itself one day, and warns of until then.
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    # Ray's own choice is 15: trainings would wait for whatever else runs, as those of `local` do not.
+    "RAY_worker_niceness": "0",
 }
+"""Settings of Ray that hold where the environment does not say otherwise."""
 _STORE_BYTES = 100 * 2**20
 """Ray's memory for what tasks hand each other, on a machine of our own: orders and answers, some hundred kilobytes each."""
 
@@ -73,10 +80,14 @@ def ray_machines() -> Iterator[Machines]:
     Raises:
         ParamsError: there is no cluster at that address, or PORSE_WORKERS is no number.
     """
-    for name, value in _QUIET.items():
+    for name, value in QUIET.items():
         os.environ.setdefault(name, value)
-    if not os.environ.get(ADDRESS_VARIABLE):
-        # Read when Ray is imported. Without one, Ray would write a token into the home folder.
+    address = os.environ.get(ADDRESS_VARIABLE, "")
+    # All of them are read when Ray is imported.
+    if not address or address.startswith("127."):
+        os.environ.setdefault(LOOPBACK_VARIABLE, "0")
+    if not address:
+        # Without one, Ray would write a token into the home folder.
         os.environ.setdefault(MODE_VARIABLE, "token")
         os.environ.setdefault(TOKEN_VARIABLE, secrets.token_hex(32))
     import ray
@@ -84,7 +95,7 @@ def ray_machines() -> Iterator[Machines]:
     if ray.is_initialized():
         yield _Ray(ray)
         return
-    with _connected(ray) if os.environ.get(ADDRESS_VARIABLE) else _started(ray):
+    with _connected(ray) if address else _started(ray):
         yield _Ray(ray)
 
 
