@@ -216,7 +216,7 @@ def test_on_other_machines_candidates_end_as_they_end_here_failures_word_by_word
 
 
 def test_a_machine_that_is_lost_is_replaced_and_the_candidate_goes_on_after_its_last_checkpoint(small, start, tmp_path):
-    until = 400
+    until = 200
     here, _ = trained(Local(LIMITS), [job("one", start, tmp_path / "here", until=until)], small)
     machines, killed = Threads(), []
     reports: list[Report] = []
@@ -232,7 +232,7 @@ def test_a_machine_that_is_lost_is_replaced_and_the_candidate_goes_on_after_its_
             os.kill(killed[0], signal.SIGKILL)
 
     one = job("one", start, tmp_path / "there", until=until)
-    Remote(LIMITS, 1, machines.open).run([one], small, tell)
+    Remote(LIMITS, 10, machines.open).run([one], small, tell)
     assert ends == here
     assert one.finish.read_bytes() == (tmp_path / "here" / "one.safetensors").read_bytes()
     # The first order began at the start, the second after a checkpoint; and every epoch was told once, in order.
