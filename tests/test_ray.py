@@ -38,6 +38,13 @@ pytestmark = [
 
 UNTIL = 200
 TOKEN = "0123456789abcdef" * 4
+PATIENT = {
+    "RAY_raylet_start_wait_time_s": "300",
+    "RAY_gcs_rpc_server_connect_timeout_s": "60",
+    "RAY_gcs_server_request_timeout_seconds": "300",
+    "RAY_health_check_timeout_ms": "60000",
+}
+"""A machine that is busy with other work takes minutes to start Ray."""
 LOOPBACK = {"127.0.0.1", "[::ffff:127.0.0.1]", "[::1]"}
 
 
@@ -58,7 +65,7 @@ def environment(monkeypatch, tmp_path):
     monkeypatch.setenv(MODE_VARIABLE, "token")
     monkeypatch.setenv(LOOPBACK_VARIABLE, "0")
     monkeypatch.setenv(TOKEN_VARIABLE, TOKEN)
-    for name, value in QUIET.items():
+    for name, value in {**QUIET, **PATIENT}.items():
         monkeypatch.setenv(name, value)
     return monkeypatch
 

@@ -28,6 +28,8 @@ from porse.training.remote import LOSSES, Errand, LostError, Remote, gpus_of
 from porse.training.start import random_policy
 from samples import MAPPING, NOT_FINITE, RAISES, REWARD, program
 
+pytestmark = pytest.mark.timeout(900)
+
 LIMITS = Limits(workers=2, crowd=2, memory_mib=600, silence_s=120)
 UNTIL = FIRST + 5
 """More than a part and a half."""
@@ -216,7 +218,7 @@ def test_on_other_machines_candidates_end_as_they_end_here_failures_word_by_word
 
 
 def test_a_machine_that_is_lost_is_replaced_and_the_candidate_goes_on_after_its_last_checkpoint(small, start, tmp_path):
-    until = 200
+    until = 120
     here, _ = trained(Local(LIMITS), [job("one", start, tmp_path / "here", until=until)], small)
     machines, killed = Threads(), []
     reports: list[Report] = []
