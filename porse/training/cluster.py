@@ -283,7 +283,9 @@ def run_errand(errand: Mapping[str, Any], room: int) -> dict[str, str]:
         }
     stdout, _ = process.communicate(errand["stdin"].encode())
     if process.returncode or not stdout.strip():
-        printed = Path(errand["stderr"]).read_text(encoding="utf-8", errors="replace")
+        file = Path(errand["stderr"])
+        # Who gave the order may be gone, and the folder with it.
+        printed = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
         return {
             "lost": f"its process ended with code {process.returncode} and without an answer: {last_words(printed)}"
         }
