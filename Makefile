@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo repro proof test test-slow servers test-servers record-example site check format
+.PHONY: setup demo repro proof test test-slow ray test-ray servers test-servers record-example site check format
 
 setup: .venv/ready
 
@@ -35,7 +35,18 @@ test: setup
 
 # The long suite: minutes to an hour.
 test-slow: setup
-	$(BIN)/pytest -m "not servers" --timeout 3600
+	$(BIN)/pytest -m "not servers and not ray" --timeout 3600
+
+# Ray, for PORSE_EXECUTOR=ray: what is not in the other locks.
+ray: .venv/ray-ready
+
+.venv/ray-ready: .venv/ready requirements-ray.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-ray.lock
+	@touch $@
+
+# On a cluster of one machine and of two, a minute or two.
+test-ray: ray
+	$(BIN)/pytest -m ray
 
 # An inference engine and a gateway, beside the project; the engine is compiled, ten to twenty minutes on one core.
 servers: .venv-servers/ready

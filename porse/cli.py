@@ -36,6 +36,7 @@ _LAZY = {
     "check-code": "porse.check_code:check_code",
     "demo": "porse.demo:demo",
     "experiments": "porse.experiments:experiments",
+    "estimate": "porse.effort:estimate",
     "doctor": "porse.doctor:doctor",
     "play": "porse.show:play",
     "render": "porse.show:render",

@@ -7,7 +7,7 @@ Layers, from the bottom: the preset, which gives what is null; the file's own va
 import copy
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -383,6 +383,22 @@ def parse_part(document: Mapping[str, Any], where: str) -> Params:
     """
     part: Params = convert_part(document, Params, "", where, Section)
     return part
+
+
+def document_of(params: Params) -> dict[str, Any]:
+    """Returns the document that `parse_part` reads the same parameters from: those that are there, and no others."""
+    document: dict[str, Any] = _plain(params)
+    return document
+
+
+def _plain(value: Any) -> Any:
+    """Returns a parameter, or a dataclass of them, as YAML and JSON have it."""
+    if is_dataclass(value):
+        there = vars(value)
+        return {field.name.rstrip("_"): _plain(there[field.name]) for field in fields(value) if field.name in there}
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def leaves(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

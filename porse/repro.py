@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType
 
@@ -20,7 +21,8 @@ from porse.processes import die_with_parent
 from porse.repair import repair
 from porse.stage import HOW_ON
 from porse.training.bar import check_progress
-from porse.training.executor import executor_from_environment
+from porse.training.cluster import ray_here
+from porse.training.executor import executor_from_environment, uses_ray
 from porse.training.memory import check_memory
 from porse.warm.start import warm_server
 
@@ -56,10 +58,14 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     quiet = ["--quiet"] if progress or not arguments else []
     command = [sys.executable, "-m", "dvc", "repro", *quiet, *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())
-    with warm_server(params.numerics) as found, tempfile.TemporaryDirectory(prefix="porse-") as scratch:
-        plan = Path(scratch) / "plan.json"
+    with ExitStack() as kept:
+        found = kept.enter_context(warm_server(params.numerics))
+        plan = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="porse-"))) / "plan.json"
         write_plan(plan, params)
         environment = {**os.environ, **python_of_stages(root), **found, "PORSE_PLAN": str(plan)}
+        if uses_ray():
+            # Once for all stages: each would else start its own.
+            environment |= kept.enter_context(ray_here()).environment
         if progress:
             environment["PORSE_PROGRESS"] = progress
         process = subprocess.Popen(command, cwd=root, env=environment, preexec_fn=end_with_this)

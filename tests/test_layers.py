@@ -27,7 +27,7 @@ LAYERS: list[set[str]] = [
     {"report", "check_code", "estimate", "film", "gymnasium_front", "task_probe"},
     {"steps"},
     {"iteration", "plan", "repair"},
-    {"outdated", "repro", "schema"},
+    {"effort", "outdated", "repro", "schema"},
     {"show", "status", "suite"},
     {"reporting"},
     {"doctor", "demo", "experiments", "export", "init"},

@@ -7,8 +7,10 @@ import re
 import shutil
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
@@ -23,10 +25,12 @@ from porse.identity import canonical_json
 from porse.pool import BEST, policy_file
 from porse.report.results import read_figures
 from porse.search.schedule import total_epochs
+from porse.suite import run as suite_run
 from porse.suite.folders import folders_of, is_locked, locked, read_json, write_json
 from porse.suite.plan import load_suite, parse_suite
 from porse.suite.resolve import code_id, laid_over, resolve, tracked_files
 from porse.suite.status import rows, status_text, suite_status
+from porse.training.cluster import Here
 from warm_stages import warm_stages
 
 PLAIN = {"name": "a", "tasks": ["Quadcopter"], "methods": ["porse"], "seeds": [1]}
@@ -230,6 +234,57 @@ def test_a_suite_runs_once_at_a_time(tmp_path):
         with pytest.raises(PorseError, match="expected that nobody else runs this suite"), locked(path):
             pass
     assert not is_locked(path)
+
+
+def test_a_cluster_has_as_many_entries_as_it_has_room_for_each_in_a_clone_of_its_own(project, monkeypatch):
+    suite = parse_suite({**PLAIN, "seeds": [1, 2, 3]}, "a.yaml")
+    folders, together = folders_of("a", project), threading.Barrier(2, timeout=60)
+    seen: dict[str, tuple[Path, str, list[str]]] = {}
+
+    def reproduce(work: Path, log: Path, lock: int, warm: dict[str, str]) -> int:
+        name = read_json(work.parent / "current.json")["entry"]
+        if not name.endswith("3"):
+            # Nobody passes who is alone.
+            together.wait()
+        states = [each.state for each in suite_status(suite, project, "a.yaml")]
+        together.wait() if not name.endswith("3") else None
+        seen[name] = (work, warm["RAY_ADDRESS"], states)
+        log.write_text("Error: gone\n")
+        for made in ("metrics.json", "params.yaml", "dvc.lock", "results/a.parquet", "run/result/start/b"):
+            (work / made).parent.mkdir(parents=True, exist_ok=True)
+            (work / made).write_text("{}")
+        return int(name.endswith("2"))
+
+    @contextmanager
+    def ray_here() -> Iterator[Here]:
+        yield Here({"RAY_ADDRESS": "10.0.0.1:6379"}, 13, 0)
+
+    monkeypatch.setattr(suite_run, "uses_ray", lambda: True)
+    monkeypatch.setattr(suite_run, "ray_here", ray_here)
+    monkeypatch.setattr(suite_run, "warm_server", lambda profile: nullcontext({"WARM": profile}))
+    monkeypatch.setattr(suite_run, "new_clone", lambda work, root: work.mkdir(parents=True))
+    monkeypatch.setattr(suite_run, "fill_clone", lambda *arguments: None)
+    monkeypatch.setattr(suite_run, "_reproduce", reproduce)
+    said: list[str] = []
+    # 13 CPUs are room for two entries of six candidates.
+    assert suite_run.run_suite(suite, project, "a.yaml", said.append) == ["Quadcopter-porse-2"]
+    assert {work for work, _, _ in seen.values()} == {folders.clone_of(name).work for name in seen}
+    assert {address for _, address, _ in seen.values()} == {"10.0.0.1:6379"}
+    assert seen["Quadcopter-porse-1"][2] == ["running", "running", "waiting"]
+    assert [each.state for each in suite_status(suite, project, "a.yaml")] == ["done", "failed", "done"]
+    # What is done needs no clone any more; what failed goes on there.
+    assert [path.name for path in (folders.suite / "clones").iterdir()] == ["Quadcopter-porse-2"]
+    assert "[2/3] Quadcopter-porse-2: failed: gone" in said
+
+
+def test_entries_are_reckoned_by_the_candidates_that_they_begin_with(project):
+    variants = {"six": {}, "seven": {"generate": {"candidates": 7}}}
+    entries = resolve(parse_suite({**PLAIN, "variants": variants}, "a.yaml"), project, "code", "a.yaml")
+    # Of different ones the largest counts.
+    rooms = [suite_run.entries_at_once(Here({}, cpus, 15), entries) for cpus in (2, 13, 14, 21)]
+    assert rooms == [1, 1, 2, 3]
+    on_gpu = [dataclasses.replace(each, params={**each.params, "device": "cuda:0"}) for each in entries]
+    assert suite_run.entries_at_once(Here({}, 64, 15), on_gpu) == 2
 
 
 def figures(

@@ -78,6 +78,8 @@ NO_RESULT: dict[str, str] = {
     "porse/stage.py": "the command line of a stage",
     "porse/task_names.py": "the module that the run's task names is an input",
     "porse/training/bar.py": "what a terminal shows",
+    "porse/training/cluster.py": "on which machine a training runs",
+    "porse/training/remote.py": "as above",
     "porse/warm/__init__.py": "a sentence",
     "porse/warm/client.py": "which process does a stage's work",
     "stages/__init__.py": "who ends when",

@@ -12,6 +12,19 @@ from porse.errors import PorseError
 
 
 @dataclass(frozen=True)
+class Clone:
+    """Where an entry runs.
+
+    Attributes:
+        work: the clone.
+        current: which entry it belongs to: its name and its ids.
+    """
+
+    work: Path
+    current: Path
+
+
+@dataclass(frozen=True)
 class Folders:
     """The paths of one suite.
 
@@ -27,14 +40,19 @@ class Folders:
         return self.suite / "source"
 
     @property
-    def work(self) -> Path:
-        """The clone that the current entry runs in."""
-        return self.suite / "work"
+    def clone(self) -> Clone:
+        """Where entries run one after the other."""
+        return Clone(self.suite / "work", self.suite / "current.json")
 
-    @property
-    def current(self) -> Path:
-        """Which entry `work` belongs to: its name and its ids."""
-        return self.suite / "current.json"
+    def clone_of(self, entry: str) -> Clone:
+        """Returns where an entry runs that others run beside."""
+        folder = self.suite / "clones" / entry
+        return Clone(folder / "work", folder / "current.json")
+
+    def begun(self, entry: str) -> Any:
+        """Returns name and ids of an entry as they were when it last began, None where its clone is gone or another's."""
+        records = (read_json(clone.current) for clone in (self.clone, self.clone_of(entry)))
+        return next((record for record in records if record is not None and record["entry"] == entry), None)
 
     @property
     def lock(self) -> Path:

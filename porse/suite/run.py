@@ -1,9 +1,14 @@
-"""Runs the entries of a suite, one after the other: done ones are skipped, a failed one stops nobody else."""
+"""Runs the entries of a suite: done ones are skipped, a failed one stops nobody else.
+
+One after the other; or, where trainings go to a cluster, as many at once as it has room for. What leaves this machine then are
+the trainings: DVC, replies and keys stay here.
+"""
 
 import os
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -12,9 +17,12 @@ from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
 from porse.repair import repair
 from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
-from porse.suite.folders import Folders, folders_of, locked, read_json, write_json
+from porse.suite.folders import Clone, Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
+from porse.training.cluster import Here, ray_here
+from porse.training.executor import uses_ray
+from porse.training.remote import is_on_gpu
 from porse.warm.start import warm_server
 
 _KEPT_LINES = 20
@@ -43,23 +51,45 @@ def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) 
             shutil.rmtree(folders.source)
         copy_files(files, root, folders.source)
         entries = resolve(suite, root, code_id(folders.source, files), where)
-        failed, warm = [], dict[str, Mapping[str, str]]()
+        waiting: list[tuple[str, Resolved]] = []
         for number, resolved in enumerate(entries, start=1):
-            name = resolved.entry.name
-            label = f"[{number}/{len(entries)}] {name}"
+            label = f"[{number}/{len(entries)}] {resolved.entry.name}"
             if is_done(folders, resolved):
                 say(f"{label}: was done before")
-                continue
-            say(f"{label}: runs, see {folders.log(name).relative_to(root)}")
-            profile = resolved.params["numerics"]
-            if profile not in warm:
-                warm[profile] = servers.enter_context(warm_server(profile))
-            if _run_entry(folders, resolved, files, root, lock, warm[profile]):
-                say(f"{label}: done")
             else:
-                failed.append(name)
-                say(f"{label}: failed: {failure(folders, name)}")
-        return failed
+                waiting.append((label, resolved))
+        if not waiting:
+            return []
+        cluster = servers.enter_context(ray_here()) if uses_ray() else None
+        at_once = 1 if cluster is None else entries_at_once(cluster, [resolved for _, resolved in waiting])
+        around = {} if cluster is None else cluster.environment
+        profiles = {resolved.params["numerics"] for _, resolved in waiting}
+        warm = {profile: {**servers.enter_context(warm_server(profile)), **around} for profile in sorted(profiles)}
+
+        def run(labelled: tuple[str, Resolved]) -> list[str]:
+            """Runs an entry, and returns its name where it failed."""
+            label, resolved = labelled
+            name = resolved.entry.name
+            say(f"{label}: runs, see {folders.log(name).relative_to(root)}")
+            clone = folders.clone if at_once == 1 else folders.clone_of(name)
+            if _run_entry(folders, clone, resolved, files, root, lock, warm[resolved.params["numerics"]]):
+                say(f"{label}: done")
+                return []
+            say(f"{label}: failed: {failure(folders, name)}")
+            return [name]
+
+        if at_once == 1:
+            return [name for labelled in waiting for name in run(labelled)]
+        # Threads that wait. A process that one of them has started ends with it, so that they live as long as the pool.
+        with ThreadPoolExecutor(at_once) as threads:
+            return [name for failed in threads.map(run, waiting) for name in failed]
+
+
+def entries_at_once(cluster: Here, entries: Sequence[Resolved]) -> int:
+    """Returns how many entries fill a cluster: each trains about as many candidates at once as it begins with."""
+    on_gpus = any(is_on_gpu(resolved.params.get("device", "cpu")) for resolved in entries)
+    candidates = max(resolved.params["generate"]["candidates"] for resolved in entries)
+    return max(1, (cluster.gpus if on_gpus else cluster.cpus) // candidates)
 
 
 def is_done(folders: Folders, resolved: Resolved) -> bool:
@@ -80,21 +110,27 @@ def failure(folders: Folders, name: str) -> str | None:
 
 
 def _run_entry(
-    folders: Folders, resolved: Resolved, files: Sequence[str], root: Path, lock: int, warm: Mapping[str, str]
+    folders: Folders,
+    clone: Clone,
+    resolved: Resolved,
+    files: Sequence[str],
+    root: Path,
+    lock: int,
+    warm: Mapping[str, str],
 ) -> bool:
     """Runs one entry, from where it was left if the clone is its own; returns whether it got to its end."""
     name = resolved.entry.name
     current = {"entry": name, **resolved.ids}
-    if read_json(folders.current) != current:
-        folders.current.unlink(missing_ok=True)
-        new_clone(folders.work, root)
+    if read_json(clone.current) != current:
+        clone.current.unlink(missing_ok=True)
+        new_clone(clone.work, root)
     (folders.result(name) / "failed.json").unlink(missing_ok=True)
-    fill_clone(folders.work, files, folders.source, root, resolved.params)
-    write_json(folders.current, current)
-    repair(folders.work)
+    fill_clone(clone.work, files, folders.source, root, resolved.params)
+    write_json(clone.current, current)
+    repair(clone.work)
     log = folders.log(name)
-    log.parent.mkdir(exist_ok=True)
-    code = _reproduce(folders.work, log, lock, warm)
+    log.parent.mkdir(parents=True, exist_ok=True)
+    code = _reproduce(clone.work, log, lock, warm)
     result = folders.result(name)
     _set_aside(result, folders.earlier(name))
     result.mkdir(parents=True)
@@ -103,15 +139,18 @@ def _run_entry(
         last = [line.rstrip() for line in lines if line.strip()][-_KEPT_LINES:]
         write_json(result / "failed.json", {**resolved.ids, "exit_code": code, "last_lines": last})
         return False
-    locks = [path.relative_to(folders.work) for path in folders.work.glob(f"{ITERATIONS}/*/dvc.lock")]
+    locks = [path.relative_to(clone.work) for path in clone.work.glob(f"{ITERATIONS}/*/dvc.lock")]
     for kept in (Path("metrics.json"), Path("params.yaml"), Path("dvc.lock"), *locks):
         (result / kept).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(folders.work / kept, result / kept)
-    shutil.copytree(folders.work / "results", result / "results")
+        shutil.copy(clone.work / kept, result / kept)
+    shutil.copytree(clone.work / "results", result / "results")
     # The policy that the run ended with, for `porse play` and `porse export`.
     end = Path("run", str(resolved.params["iterations"][-1]["next"]), "start")
-    shutil.copytree(folders.work / end, result / end)
+    shutil.copytree(clone.work / end, result / end)
     write_json(result / "done.json", resolved.ids)
+    if clone != folders.clone:
+        # Nobody else will use it.
+        shutil.rmtree(clone.work.parent)
     return True
 
 

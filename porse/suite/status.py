@@ -63,11 +63,11 @@ def _status(folders: Folders, resolved: Resolved, running: bool) -> Status:
     if is_done(folders, resolved):
         return Status(resolved.entry, "done", read_figures(folders.result(name)), None)
     reason = failure(folders, name)
-    current = read_json(folders.current)
+    current = folders.begun(name)
     state: State = "waiting"
     if reason is not None:
         state = "failed"
-    elif running and current is not None and current["entry"] == name:
+    elif running and current is not None:
         state = "running"
     elif current == {"entry": name, **resolved.ids}:
         state = "partial"

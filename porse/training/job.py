@@ -18,6 +18,7 @@ class Job:
         finish: where the checkpoint is written.
         until: the epoch to train to.
         seed: names the training's draws.
+        begun: the epoch up to which an earlier part of this very training has reported; 0: this is its beginning.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Job:
     finish: Path
     until: int
     seed: int
+    begun: int = 0
 
 
 @dataclass(frozen=True)

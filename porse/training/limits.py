@@ -9,8 +9,10 @@ from porse.processes import memory_mib
 WORKERS_VARIABLE = "PORSE_WORKERS"
 MEMORY_VARIABLE = "PORSE_MEMORY_MIB"
 SILENCE_VARIABLE = "PORSE_SILENCE_S"
+CHECKPOINT_VARIABLE = "PORSE_CHECKPOINT_S"
 
 _SILENCE_S = 600
+_CHECKPOINT_S = 600
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,15 @@ def workers() -> int:
         ParamsError: PORSE_WORKERS is no positive whole number.
     """
     return _number(WORKERS_VARIABLE, _cpus())
+
+
+def checkpoint_s() -> int:
+    """Returns after how many seconds a training that may lose its machine writes the next checkpoint to go on from.
+
+    Raises:
+        ParamsError: PORSE_CHECKPOINT_S is no positive whole number.
+    """
+    return _number(CHECKPOINT_VARIABLE, _CHECKPOINT_S)
 
 
 def _cpus() -> int:

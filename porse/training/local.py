@@ -17,7 +17,7 @@ import time
 import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -156,7 +156,7 @@ class _Training:
             PorseError: the training found that the program cannot go on.
         """
         if self.result is not None:
-            return _received(self.result)
+            return received(self.result)
         self.silent_s += passed_s
         if self.status is None:
             process, status = os.waitpid(self.process, os.WNOHANG)
@@ -196,8 +196,19 @@ class _Training:
         return f"; it printed last: {words}" if words else ""
 
 
-def _received(message: dict[str, Any]) -> Outcome:
-    """Returns the outcome that a training has sent, or raises the error that it has sent in its place."""
+def message_of(end: Outcome | PorseError) -> dict[str, Any]:
+    """Returns how a training ended as plain data between processes."""
+    if isinstance(end, PorseError):
+        return {"error": type(end).__name__, "text": str(end)}
+    return {"rows": end.rows, "failure": end.failure, "outside": end.outside}
+
+
+def received(message: Mapping[str, Any]) -> Outcome:
+    """Returns the outcome that a training has sent.
+
+    Raises:
+        PorseError: it has sent that the program cannot go on.
+    """
     if "error" in message:
         kind = getattr(errors, message["error"], PorseError)
         raise kind(message["text"])
@@ -255,7 +266,7 @@ def _start(job: Job, train: Train, limits: Limits, others: Sequence[_Training]) 
         _train_here(job, train, limits, parent, telling, printing, [news, output, *_ends(others)])
     os.close(telling)
     os.close(printing)
-    return _Training(job, process, news, output)
+    return _Training(job, process, news, output, epoch=job.begun)
 
 
 def _ends(others: Sequence[_Training]) -> list[int]:
@@ -288,9 +299,9 @@ def _train_here(
 
         try:
             outcome = train(job, lambda epoch, fitness: send({"epoch": epoch, "fitness": fitness}))
-            send({"rows": outcome.rows, "failure": outcome.failure, "outside": outcome.outside})
+            send(message_of(outcome))
         except PorseError as error:
-            send({"error": type(error).__name__, "text": str(error)})
+            send(message_of(error))
         code = 0
     except BaseException:
         traceback.print_exc()
