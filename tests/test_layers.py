@@ -30,7 +30,7 @@ LAYERS: list[set[str]] = [
     {"outdated", "repro", "schema"},
     {"show", "status", "suite"},
     {"reporting"},
-    {"doctor", "demo", "export", "init"},
+    {"doctor", "demo", "export", "init", "published"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

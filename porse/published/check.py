@@ -5,7 +5,6 @@ this process reads is run; what it cannot read within its limits is refused, by 
 """
 
 import json
-import re
 import resource
 import subprocess
 import sys
@@ -20,7 +19,8 @@ from porse.generation.answers import FILES, GRAMMAR, SPLICED
 from porse.llm.store import REFRESHED
 from porse.llm.verify import verify
 from porse.processes import die_with_parent, limit_memory
-from porse.published.locks import Stage, check_pipeline_of, digest, is_output, overlaps, read_locks
+from porse.published.inputs import parse_inputs
+from porse.published.locks import Stage, check_pipeline_of, digest, is_output, read_locks
 from porse.published.manifest import refused
 from porse.report.results import read_results
 from porse.tables import Table
@@ -42,7 +42,6 @@ _START_TABLES: dict[str, Table] = {
     "members": tables.MEMBERS,
     "member_feedback": tables.MEMBER_FEEDBACK,
 }
-_SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 def check_content(folder: Path, trust: bool) -> None:
@@ -115,7 +114,7 @@ def check_all(folder: Path, trust: bool, at: Callable[[str], None]) -> None:
     check_pipeline_of(stages, params, ROOT, folder)
     for path in sorted(folder.glob("inputs/*.json")):
         at(f"inputs/{path.name}")
-        _check_inputs(path)
+        parse_inputs(path.read_bytes(), str(path))
     at("logs/environment.json")
     _check_environment(folder / "logs" / "environment.json")
     for path in sorted(folder.glob("results/*.parquet")):
@@ -142,17 +141,6 @@ def check_all(folder: Path, trust: bool, at: Callable[[str], None]) -> None:
 def _texts(folder: Path) -> Iterator[Path]:
     for pattern in ("params.yaml", "presets/*", "**/dvc.lock", "inputs/*", "metrics.json", "logs/*", "outputs.dvc"):
         yield from sorted(folder.glob(pattern))
-
-
-def _check_inputs(path: Path) -> None:
-    try:
-        document = json.loads(path.read_bytes())
-        files, parameters = document["files"], document["parameters"]
-        fine = isinstance(parameters, dict) and all(_SHA256.fullmatch(each) for each in files.values())
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        fine = False
-    if not fine:
-        raise refused(str(path), "the inputs of a stage", "something else")
 
 
 def _check_environment(path: Path) -> None:
@@ -191,10 +179,9 @@ def _check_agreement(folder: Path, stages: list[Stage], at: Callable[[str], None
         whole = path in ("metrics.json", "results") or path.startswith("inputs/")
         if whole and (folder / path).exists() and not is_output(folder / path, md5):
             raise refused(str(folder / path), "what the lock names", "something else")
-    for path in sorted(folder.glob("run/*/start")):
-        name = path.relative_to(folder).as_posix()
-        if not any(overlaps(name, out) for out in named):
-            raise refused(str(path), "only what the lock names", "another folder")
+    for start in sorted(folder.glob("run/*/start")):
+        if start.relative_to(folder).as_posix() not in named:
+            raise refused(str(start), "only what the lock names", "another folder")
 
 
 def main(folder: Path, trust: bool) -> int:

@@ -1,10 +1,12 @@
 """A run from elsewhere, a folder or an address, copied to a folder of ours: file by file, each bounded and held to its hash."""
 
+import functools
 import hashlib
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from porse.errors import PorseError
@@ -20,6 +22,9 @@ from porse.published.manifest import (
     read_manifest,
     refused,
 )
+
+if TYPE_CHECKING:
+    from httpx2 import Client
 
 SECONDS = 600
 """So long may a run take to come."""
@@ -79,7 +84,7 @@ def receive(source: str, target: Path) -> Manifest:
     check_files(folder, manifest)
     for name in manifest.files:
         with open_plain(folder / name, name) as file:
-            _write(iter(lambda file=file: file.read(_CHUNK), b""), name, manifest, target)
+            _write(iter(functools.partial(file.read, _CHUNK), b""), name, manifest, target)
     (target / MANIFEST).write_bytes(manifest.render())
     check_files(target, manifest)
     return manifest
@@ -111,10 +116,10 @@ def _download(address: str, target: Path) -> Manifest:
 
 
 @contextmanager
-def _streamed(client: "object", address: str, deadline: float) -> Iterator[Iterator[bytes]]:
+def _streamed(client: "Client", address: str, deadline: float) -> Iterator[Iterator[bytes]]:
     # Identity: what is packed could unpack to any size.
     headers = {"Accept-Encoding": "identity"}
-    with client.stream("GET", address, headers=headers) as response:  # type: ignore[attr-defined]
+    with client.stream("GET", address, headers=headers) as response:
         if response.status_code != 200:
             raise PorseError(
                 f"expected {address} to answer with 200, found {response.status_code}; check the address, which is that of the "

@@ -96,9 +96,7 @@ class Manifest:
             "files": {name: {"sha256": file.sha256, "size": file.size} for name, file in self.files.items()},
             "left_out": [*self.left_out],
         }
-        return (
-            json.dumps({**said, "id": content_id("published-run", said)}, indent=1, sort_keys=True) + "\n"
-        ).encode()
+        return (json.dumps({**said, "id": content_id("published-run", said)}, indent=1, sort_keys=True) + "\n").encode()
 
 
 def is_allowed(name: str) -> bool:
@@ -205,7 +203,9 @@ def _checked(manifest: Manifest, where: str) -> Manifest:
         if not is_allowed(name):
             raise refused(where, "names of files that a published run may have", repr(name[:200]))
     lower = [name.lower() for name in names]
-    twice = next((name for name in names if lower.count(name.lower()) > 1), None) if len({*lower}) < len(lower) else None
+    twice = (
+        next((name for name in names if lower.count(name.lower()) > 1), None) if len({*lower}) < len(lower) else None
+    )
     if twice:
         raise refused(where, "names that differ in more than case", repr(twice))
     for name, file in manifest.files.items():
