@@ -44,17 +44,25 @@ _START_TABLES: dict[str, Table] = {
 }
 
 
-def check_content(folder: Path, trust: bool) -> None:
+def check_content(folder: Path, trust: bool, memory_mib: int = MEMORY_MIB) -> None:
     """Checks what the files of a published run hold, in a process of its own; their bytes have been checked.
 
     Args:
         folder: the run.
         trust: whether its task may be its author's own, and its code be run later.
+        memory_mib: what the check may take beyond what the libraries do.
 
     Raises:
         PorseError: a file is not what it should be; it is named.
     """
-    command = [sys.executable, "-m", "porse.published.check", str(folder), "trust" if trust else "check"]
+    command = [
+        sys.executable,
+        "-m",
+        "porse.published.check",
+        str(folder),
+        "trust" if trust else "check",
+        str(memory_mib),
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=2 * SECONDS, errors="replace")
     except subprocess.TimeoutExpired:
@@ -67,7 +75,7 @@ def check_content(folder: Path, trust: bool) -> None:
     name = lines[-1].removeprefix(_AT) if lines else ""
     last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
     raise refused(
-        str(folder / name), f"a file that is read within {MEMORY_MIB} MiB and {SECONDS} s", f"none such ({last[:200]})"
+        str(folder / name), f"a file that is read within {memory_mib} MiB and {SECONDS} s", f"none such ({last[:200]})"
     )
 
 
@@ -184,10 +192,10 @@ def _check_agreement(folder: Path, stages: list[Stage], at: Callable[[str], None
             raise refused(str(start), "only what the lock names", "another folder")
 
 
-def main(folder: Path, trust: bool) -> int:
+def main(folder: Path, trust: bool, memory_mib: int) -> int:
     """Checks a run in this process, which takes limits upon itself first; prints what it is at, and the error; returns its code."""
     die_with_parent()
-    limit_memory(MEMORY_MIB)
+    limit_memory(memory_mib)
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     try:
@@ -199,4 +207,4 @@ def main(folder: Path, trust: bool) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), sys.argv[2] == "trust"))
+    sys.exit(main(Path(sys.argv[1]), sys.argv[2] == "trust", int(sys.argv[3])))
