@@ -655,12 +655,22 @@ def test_a_run_from_elsewhere_is_replayed_as_data(inside, tiny_run):
 def test_without_a_name_it_is_the_smallest_and_where_none_is_published_nothing_is_to_be_done(
     inside, tmp_path, monkeypatch
 ):
-    assert command._smallest() == "tiny"
     monkeypatch.chdir(tmp_path)
     done = porse("replay")
     assert (done.exit_code, done.stdout) == (0, "no run is published in published/: nothing to replay\n")
     assert "no run is published" in porse("published").stdout
     assert json.loads(porse("published", "--json").stdout) == []
+
+
+def test_the_smallest_run_is_replayed_and_stages_are_drawn_of_the_others(project, tmp_path):
+    for name, epochs in (("b", 2), ("a", 1), ("c", 3)):
+        shutil.copytree(project / "published" / "tiny", tmp_path / name)
+        path = tmp_path / name / "params.yaml"
+        path.write_text(path.read_text().replace("rung_epochs: 1\n", f"rung_epochs: {epochs}\n"))
+    folders = sorted(tmp_path.iterdir())
+    assert command.chosen(folders, None) == "a"
+    assert {command.chosen(folders, seed) for seed in range(20)} == {"b", "c"}
+    assert (command.chosen(folders[:1], 5), command.chosen([], 5)) == ("a", None)
 
 
 # Why something differs.

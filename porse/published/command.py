@@ -11,6 +11,7 @@ import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import click
@@ -169,8 +170,8 @@ def replay_command(
 ) -> None:
     """Compute the published RUN again from its recorded replies, in a scratch copy, and compare every output.
 
-    RUN is a name of `porse published`, or the folder or the address of a run from elsewhere; without it, the smallest of those
-    here. Exit code 1 where an output differs.
+    RUN is a name of `porse published`, or the folder or the address of a run from elsewhere. Without it: the smallest of those
+    here; with --sample another one, drawn too. Exit code 1 where an output differs.
     """
     if stages and sample:
         raise click.UsageError("expected --stages or --sample, found both")
@@ -178,8 +179,10 @@ def replay_command(
         raise click.UsageError("expected --sample with --seed, found none")
     if keep is not None and keep.exists() and any(keep.iterdir()):
         raise click.UsageError(f"expected a new folder for --keep, found something in {keep}")
+    if sample and seed is None:
+        seed = secrets.randbelow(2**32)
     if run is None:
-        run = _smallest()
+        run = chosen(published_folders(ROOT), seed)
         if run is None:
             click.echo(json.dumps(None) if as_json else f"no run is published in {FOLDER}/: nothing to replay")
             return
@@ -191,10 +194,9 @@ def replay_command(
         folder, shelf = _checked(run, Path(place) / "received", trust, say)
         params = read_params(folder, trust=True)
         asked = [*dict.fromkeys(name for text in stages for name in text.split(","))]
-        if sample:
-            seed = secrets.randbelow(2**32) if seed is None else seed
+        if sample and seed is not None:
             asked = drawn(read_locks(folder), sample, seed)
-            say(f"drawn with --seed {seed}: {', '.join(asked)}")
+            say(f"drawn with --seed {seed}, of {run}: {', '.join(asked)}")
         say(f"{run}: {params.method} on {params.task}, {total_epochs(params)} epochs in all")
         found = replay(folder, ROOT, keep or Path(place) / "copy", asked, shelf, trust, say)
         names = names_of(read_locks(folder))
@@ -202,10 +204,17 @@ def replay_command(
     sys.exit(0 if found.is_identical else 1)
 
 
-def _smallest() -> str | None:
-    """Returns the name of the published run that trains the fewest epochs, None where none is published."""
-    folders = published_folders(ROOT)
-    return min(folders, key=lambda folder: (total_epochs(_params(folder)), folder.name)).name if folders else None
+def chosen(folders: Sequence[Path], seed: int | None) -> str | None:
+    """Returns the name of the run that is replayed where none is named; None where there is none.
+
+    Args:
+        folders: of published runs.
+        seed: None for the one that trains the fewest epochs; else one of the others is drawn, where there are others.
+    """
+    ordered = sorted(folders, key=lambda folder: (total_epochs(_params(folder)), folder.name))
+    if seed is None or len(ordered) < 2:
+        return ordered[0].name if ordered else None
+    return Random(seed).choice(ordered[1:]).name
 
 
 def _checked(run: str, received: Path, trust: bool, say: Any) -> tuple[Path, Shelf]:
