@@ -17,11 +17,13 @@ from typing import ClassVar
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from porse import tables
 from porse.cli import main
 from porse.errors import PorseError
+from porse.init import make_project as init_project
 from porse.inputs.resolve import Inputs
 from porse.published import check, command
 from porse.published import publish as publishing
@@ -650,6 +652,37 @@ def test_a_run_from_elsewhere_is_replayed_as_data(inside, tiny_run):
     done = porse("replay", str(tiny_run), "--stages", "1/generate", "--json")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["identical"] == 1
+
+
+@pytest.mark.slow
+def test_a_task_of_its_authors_own_is_replayed_elsewhere_with_trust_alone(inside, tmp_path):
+    """Made in a project of `porse init`; the reader's project has neither the task nor its name in dvc.yaml."""
+    theirs = tmp_path / "theirs"
+    init_project(theirs)
+    document = yaml.safe_load((theirs / "params.yaml").read_text())
+    shape = tiny_params()
+    document |= {name: shape[name] for name in ("rungs", "evaluate")} | {"iterations": [{"n": 1, "next": "result"}]}
+    for name in ("generate", "train", "mutate", "fuse"):
+        document[name] |= {key: shape[name][key] for key in document[name] if shape[name][key] is not None}
+    (theirs / "params.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    environment = {**os.environ, **QUIET}
+    for words in (["porse", "repro"], ["porse", "publish", ".", "cart"]):
+        git(theirs, "add", "-A")
+        git(theirs, "commit", "-qm", "a step")
+        done = subprocess.run([BIN / words[0], *words[1:]], cwd=theirs, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    there = theirs / "published" / "cart"
+    assert {"code/my_tasks/cart.py", "code/my_tasks/cart.xml", "presets/my_tasks.cart.CartPole.yaml"} <= {
+        *read_manifest(there).files
+    }
+    done = porse("replay", str(there), "--stages", "begin")
+    assert "found 'my_tasks.cart:CartPole', which is its author's code" in done.output
+    assert not Path("my_tasks").exists()
+    done = porse("replay", str(there), "--trust", "--json", "--stages", "1/validate-code")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert (found["identical"], found["outputs"], found["changed_inputs"]) == (2, 2, {})
+    assert not Path("my_tasks").exists()
 
 
 def test_without_a_name_it_is_the_smallest_and_where_none_is_published_nothing_is_to_be_done(

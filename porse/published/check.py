@@ -79,11 +79,6 @@ def check_content(folder: Path, trust: bool, memory_mib: int = MEMORY_MIB) -> No
     )
 
 
-def preset_root(folder: Path) -> Path:
-    """Returns where the preset of a published run is: beside it, or in the project where it came without one."""
-    return folder if (folder / "presets").is_dir() else ROOT
-
-
 def read_params(folder: Path, trust: bool) -> Params:
     """Returns the parameters of a published run.
 
@@ -97,7 +92,7 @@ def read_params(folder: Path, trust: bool) -> Params:
             f"refused: expected a task of this package in {folder / 'params.yaml'}, found {task[:100]!r}, which is its author's "
             "code; read what is in code/, and give --trust to run it with your rights"
         )
-    return load_params(folder / "params.yaml", preset_root(folder))
+    return load_params(folder / "params.yaml", folder)
 
 
 def check_all(folder: Path, trust: bool, at: Callable[[str], None]) -> None:

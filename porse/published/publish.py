@@ -9,6 +9,7 @@ from pathlib import Path
 
 from porse import __version__, tables
 from porse.config import Params, leaves, load_document, load_params, resolve_document
+from porse.documents import render_yaml
 from porse.errors import CacheError, PorseError
 from porse.generation.answers import FILES
 from porse.inputs.files import changed_files
@@ -17,7 +18,9 @@ from porse.llm.record import Record
 from porse.llm.store import REFRESHED, Store
 from porse.pool import BEST, policy_file
 from porse.presets import FOLDER as PRESETS
-from porse.presets import preset_file
+from porse.presets import SIZES, preset_file
+from porse.presets.own import sizes_of
+from porse.presets.rules import values_by_rule
 from porse.published.card import card
 from porse.published.check import REPLIES, check_content
 from porse.published.inputs import parse_inputs
@@ -28,7 +31,7 @@ from porse.report.page import no_film, page_of, render
 from porse.report.results import Results, read_results
 from porse.reporting.film import winner_film
 from porse.suite.clone import DVC
-from porse.task_names import TASK_CLASSES, is_own
+from porse.task_names import TASK_CLASSES
 
 MOST_PAGE_BYTES = 2 * 2**20
 """A page that is larger is published without its film: `porse play` shows the winner."""
@@ -208,8 +211,7 @@ def _copy_small(source: Source, target: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
     presets = run if (run / PRESETS).is_dir() else source.root
-    if not is_own(params.task):
-        _put(presets / preset_file(params.task), target / preset_file(params.task))
+    _copy_preset(params.task, presets, target)
     if (run / "logs" / "environment.json").is_file():
         _put(run / "logs" / "environment.json", target / "logs" / "environment.json")
     _copy_replies(source, target)
@@ -226,6 +228,17 @@ def _copy_small(source: Source, target: Path) -> None:
             _put(source.root / name, target / name)
         elif code:
             _put(source.root / name, target / "code" / name)
+
+
+def _copy_preset(task: str, root: Path, target: Path) -> None:
+    """Copies the preset of a task; of one without, the values that follow from its class, which a reader then need not import."""
+    path, copy = root / preset_file(task), target / preset_file(task)
+    if path.is_file():
+        _put(path, copy)
+        return
+    values = {size: values_by_rule(size, sizes_of(task, root, path)) for size in SIZES}
+    copy.parent.mkdir(exist_ok=True)
+    copy.write_text(render_yaml(values), encoding="utf-8")
 
 
 def _copy_replies(source: Source, target: Path) -> None:

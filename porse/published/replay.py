@@ -174,10 +174,15 @@ def replay(
 
 def _make_copy(folder: Path, root: Path, scratch: Path, params: Params) -> None:
     """Puts the project's tracked files, and of the run its parameters, its preset and its replies, into a repository."""
+    files = tracked_files(root)
+    if "dvc.yaml" not in files:
+        raise PorseError(
+            f"expected dvc.yaml among the files that Git tracks in {root.resolve()}, found none; a replay takes those: git add them"
+        )
     scratch.mkdir(parents=True, exist_ok=True)
     _call(scratch, "git", "init", "--quiet")
     _call(scratch, *DVC, "init", "--quiet")
-    copy_files(tracked_files(root), root, scratch)
+    copy_files(files, root, scratch)
     if (root / ".venv").exists():
         (scratch / ".venv").symlink_to((root / ".venv").resolve())
     cache = scratch / REPLIES
