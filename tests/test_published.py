@@ -1,5 +1,6 @@
 """Published runs: made of a real tiny run, looked at, damaged byte by byte, forged, sent over HTTP, and computed again."""
 
+import copy
 import hashlib
 import json
 import os
@@ -187,16 +188,24 @@ def test_the_page_is_shown_and_a_name_that_is_none_is_a_sentence(inside, monkeyp
     assert "expected the name of a published run, found 'tniy'; published here: tiny" in done.output
 
 
-def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside):
+def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside, monkeypatch):
     asked = {}
-    play = command._with_published(lambda **values: asked.update(values))
-    play(task="tiny", checkpoint=None, path=Path("params.yaml"), out=Path("a.gif"), seconds=2.0)
+    play = copy.copy(command.play)
+    play.callback = command._with_published(lambda **values: asked.update(values))
+    monkeypatch.setattr(command.shows, "has_display", lambda: False)
+    play.main(["tiny"], standalone_mode=False)
     folder = Path("published") / "tiny"
-    assert asked == {
-        "task": "Quadcopter", "checkpoint": folder / "run", "path": folder / "params.yaml", "out": Path("a.gif"), "seconds": 2.0,
-    }  # fmt: skip
-    play(task="Over", checkpoint=None, path=Path("params.yaml"), out=None, seconds=2.0)
-    assert (asked["task"], asked["checkpoint"], asked["path"]) == ("Over", None, Path("params.yaml"))
+    names = ("task", "checkpoint", "path", "out", "seconds")
+    assert [asked[name] for name in names] == [
+        "Quadcopter", folder / "run", folder / "params.yaml", Path("tiny.gif"), command.FILM_S,
+    ]  # fmt: skip
+    play.main(["tiny", "--out", "a.mp4", "--seconds", "7"], standalone_mode=False)
+    assert (asked["out"], asked["seconds"]) == (Path("a.mp4"), 7.0)
+    monkeypatch.setattr(command.shows, "has_display", lambda: True)
+    play.main(["tiny"], standalone_mode=False)
+    assert (asked["out"], asked["seconds"]) == (None, 10.0)
+    play.main(["Over"], standalone_mode=False)
+    assert [asked[name] for name in names] == ["Over", None, Path("params.yaml"), None, 10.0]
     params = command._params(folder)
     assert digest(command.shows.winners_policy(folder / "run", params)) == digest(
         Path("run/result/start/policies/best.safetensors")

@@ -15,6 +15,7 @@ from random import Random
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from porse import show as shows
 from porse.published.causes import named
@@ -113,26 +114,32 @@ def show(name: str) -> None:
         click.echo(f"{page}: opened")
 
 
+FILM_S = 3.0
+"""Of a published run where there is no display and no length is asked for: a film takes seconds to draw for one of its own."""
+
+
 def _with_published(callback: Any) -> Any:
     """Returns the callback of `porse play` that also takes the name of a published run in a task's place."""
 
     @functools.wraps(callback)
     def run(task: str, checkpoint: Path | None, path: Path, **others: Any) -> Any:
-        if is_name(task) and (ROOT / FOLDER / task).is_dir():
-            folder = find(ROOT, task)
-            params = _params(folder)
-            others = {**others, "out": others["out"] or _film_of(task)}
-            return callback(
-                task=params.task, checkpoint=checkpoint or folder / "run", path=folder / "params.yaml", **others
-            )
-        return callback(task=task, checkpoint=checkpoint, path=path, **others)
+        if not is_name(task) or not (ROOT / FOLDER / task).is_dir():
+            return callback(task=task, checkpoint=checkpoint, path=path, **others)
+        folder = find(ROOT, task)
+        if others["out"] is None and not shows.has_display():
+            others["out"] = Path(f"{task}.gif")
+        if others["out"] is not None and _is_default("seconds"):
+            others["seconds"] = FILM_S
+        return callback(
+            task=_params(folder).task, checkpoint=checkpoint or folder / "run", path=folder / "params.yaml", **others
+        )
 
     return run
 
 
-def _film_of(name: str) -> Path | None:
-    """Returns the file that a film goes to where there is no display; None for the viewer."""
-    return None if shows.has_display() else Path(f"{name}.gif")
+def _is_default(name: str) -> bool:
+    """Returns whether an option of the command at work has its default; nobody gave it."""
+    return click.get_current_context().get_parameter_source(name) is ParameterSource.DEFAULT
 
 
 play = copy.copy(shows.play)
