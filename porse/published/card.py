@@ -99,7 +99,7 @@ def _table(facts: Sequence[Fact]) -> str:
 
 def _cell(text: str) -> str:
     """Returns a text that stays in its cell and is no HTML: who answered is named by somebody else."""
-    for sign, other in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("|", "\\|"), ("`", "'")):
+    for sign, other in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("|", "\\|")):
         text = text.replace(sign, other)
     return " ".join(text.split())
 

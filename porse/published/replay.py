@@ -241,8 +241,9 @@ def _reproduce(scratch: Path, plan: Plan, profile: numerics.Profile, say: Callab
     # Whatever the shell says: recorded replies, and no others.
     own = {"PORSE_LLM_MODE": "frozen", "DVC_NO_ANALYTICS": "1"}
     lines: list[str] = []
-    with warm_server(profile) as warm:
-        process = subprocess.Popen(
+    with (
+        warm_server(profile) as warm,
+        subprocess.Popen(
             [*DVC, "repro", *targets],
             cwd=scratch,
             env={**os.environ, **python_of_stages(scratch), **warm, **own},
@@ -252,7 +253,8 @@ def _reproduce(scratch: Path, plan: Plan, profile: numerics.Profile, say: Callab
             text=True,
             errors="replace",
             preexec_fn=functools.partial(die_with_parent, os.getpid()),
-        )
+        ) as process,
+    ):
         assert process.stdout is not None
         for line in process.stdout:
             if line.strip() and not _ADVICE.match(line):
