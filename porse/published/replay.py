@@ -183,6 +183,8 @@ def _make_copy(folder: Path, root: Path, scratch: Path, params: Params) -> None:
     _call(scratch, "git", "init", "--quiet")
     _call(scratch, *DVC, "init", "--quiet")
     copy_files(files, root, scratch)
+    # A cache of its own, whatever the project's is: nothing is found there that was not computed here.
+    (scratch / ".dvc" / "config.local").write_text("['cache']\n    dir = cache\n", encoding="utf-8")
     if (root / ".venv").exists():
         (scratch / ".venv").symlink_to((root / ".venv").resolve())
     cache = scratch / REPLIES
@@ -244,7 +246,7 @@ def _reproduce(scratch: Path, plan: Plan, profile: numerics.Profile, say: Callab
     with (
         warm_server(profile) as warm,
         subprocess.Popen(
-            [*DVC, "repro", *targets],
+            [*DVC, "repro", "--no-run-cache", *targets],
             cwd=scratch,
             env={**os.environ, **python_of_stages(scratch), **warm, **own},
             stdin=subprocess.DEVNULL,
