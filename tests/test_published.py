@@ -376,6 +376,22 @@ def test_sizes_are_bounded_and_names_differ(tiny_run, name, file, message):
         parse_manifest(Manifest(manifest.program, {**manifest.files, **many}, ()).render(), "m")
 
 
+@pytest.mark.parametrize(
+    ("program", "left_out"),
+    [
+        ({"porse": "\x1b[2J", "commit": ""}, ()),
+        ({"porse": "1"}, ()),
+        ({"porse": "1", "commit": "", "more": ""}, ()),
+        ({"porse": "1", "commit": ""}, ("a\nb",)),
+        ({"porse": "1", "commit": ""}, (3,)),
+    ],
+)
+def test_words_that_a_terminal_would_read_otherwise_are_refused(tiny_run, program, left_out):
+    forged = Manifest(program, read_manifest(tiny_run).files, left_out)
+    with pytest.raises(PorseError, match="refused: expected (the version and|paths of)"):
+        parse_manifest(forged.render(), "m")
+
+
 @pytest.mark.parametrize("text", ["", "[" * 100_000, "{}", "null", '{"format": 2}', '{"format": 1, "files": {"a": 1}}'])
 def test_a_manifest_that_is_none_is_refused(tiny_run, text):
     (tiny_run / "manifest.json").write_text(text)

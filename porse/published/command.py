@@ -18,6 +18,7 @@ import click
 from click.core import ParameterSource
 
 from porse import show as shows
+from porse.errors import PorseError
 from porse.published.causes import named
 from porse.published.check import check_content, read_params
 from porse.published.fetch import find, is_address, is_name, published_folders, receive
@@ -206,8 +207,9 @@ def replay_command(
             say(f"drawn with --seed {seed}, of {run}: {', '.join(asked)}")
         say(f"{run}: {params.method} on {params.task}, {total_epochs(params)} epochs in all")
         found = replay(folder, ROOT, keep or Path(place) / "copy", asked, shelf, trust, say)
-        names = names_of(read_locks(folder))
-    click.echo(json.dumps(_document(run, found, names, seed), indent=2) if as_json else _text(run, found, names))
+        names, commit = names_of(read_locks(folder)), read_manifest(folder).program.get("commit", "")
+    document = _document(run, found, names, seed, commit)
+    click.echo(json.dumps(document, indent=2) if as_json else _text(run, found, names, commit))
     sys.exit(0 if found.is_identical else 1)
 
 
@@ -231,7 +233,11 @@ def _checked(run: str, received: Path, trust: bool, say: Any) -> tuple[Path, She
     """
     if is_name(run):
         folder = find(ROOT, run)
-        check_content(folder, trust=True)
+        try:
+            check_content(folder, trust=True)
+        except PorseError as error:
+            commit = read_manifest(folder).program.get("commit", "")
+            raise PorseError(f"{error}{_of_commit(commit)}") from None
         cache = _cache()
         if (folder / OUTPUTS_FILE).is_file() and not (folder / OUTPUTS).is_dir():
             say(f"its outputs can be had: cd {FOLDER} && dvc pull --remote REMOTE {run}/{OUTPUTS_FILE}")
@@ -242,16 +248,26 @@ def _checked(run: str, received: Path, trust: bool, say: Any) -> tuple[Path, She
     return received, Shelf([(received, run)], None)
 
 
+def _of_commit(commit: str) -> str:
+    """Returns what to say of the commit that a run's code is of; nothing where it is of none."""
+    return (
+        f"; the run's own code is that of commit {commit[:12]}: check it out to replay the run with it"
+        if commit
+        else ""
+    )
+
+
 def _cache() -> Path | None:
     """Returns DVC's cache of this project, None where DVC does not say it."""
     done = subprocess.run([*DVC, "cache", "dir"], cwd=ROOT, capture_output=True, text=True)
     return ROOT / done.stdout.strip() if not done.returncode else None
 
 
-def _document(run: str, found: Replay, names: Sequence[str], seed: int | None) -> dict[str, Any]:
+def _document(run: str, found: Replay, names: Sequence[str], seed: int | None, commit: str) -> dict[str, Any]:
     computed = [stage.name for stage in found.plan.computed if stage.name in names]
     return {
         "run": run,
+        "commit": commit,
         "seed": seed,
         "stages": len(names),
         "asked": [*found.plan.asked] or [*names],
@@ -267,7 +283,7 @@ def _document(run: str, found: Replay, names: Sequence[str], seed: int | None) -
     }
 
 
-def _text(run: str, found: Replay, names: Sequence[str]) -> str:
+def _text(run: str, found: Replay, names: Sequence[str], commit: str) -> str:
     computed = [stage.name for stage in found.plan.computed if stage.name in names]
     lines = [
         f"{run}: {found.identical} of {found.outputs} outputs identical, of {len(computed)} of {len(names)} stages, in "
@@ -282,11 +298,11 @@ def _text(run: str, found: Replay, names: Sequence[str]) -> str:
         lines += [f"  likely cause: {cause}" for cause in first.causes]
     if len(found.differ) > 1:
         lines.append(f"{len(found.differ)} outputs differ: {named(found.differ)}")
-    lines += _changed_lines(found)
+    lines += _changed_lines(found, commit)
     return "\n".join(lines)
 
 
-def _changed_lines(found: Replay) -> list[str]:
+def _changed_lines(found: Replay, commit: str) -> list[str]:
     """Returns what of the code and the parameters is newer than the run, in lines; files that several stages read, once."""
     if not found.changed:
         return []
@@ -297,5 +313,5 @@ def _changed_lines(found: Replay) -> list[str]:
         for word, names in (("files", files), ("parameters", values))
         if names
     ]
-    same = "; the outputs are the same all the same" if found.is_identical else ""
+    same = "; the outputs are the same all the same" if found.is_identical else _of_commit(commit)
     return [f"inputs of {named([*found.changed])} are not those of the run: {' and '.join(what)}{same}"]

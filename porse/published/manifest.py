@@ -62,6 +62,8 @@ _FILES = re.compile(
     )
 )
 _NEEDED = ("card.md", "report.html", "params.yaml", "metrics.json", "dvc.lock")
+_WORD = re.compile(r"[A-Za-z0-9._/+-]{1,300}")
+_VERSION = re.compile(r"[A-Za-z0-9.+-]{0,64}")
 _HASH = re.compile(r"[0-9a-f]{64}")
 _CHUNK = 2**20
 
@@ -221,8 +223,11 @@ def _checked(manifest: Manifest, where: str) -> Manifest:
     for name in _NEEDED:
         if name not in manifest.files:
             raise refused(where, f"{name} among the files", "none")
-    if not all(isinstance(text, str) for text in (*manifest.left_out, *manifest.program, *manifest.program.values())):
-        raise refused(where, "texts", "something else")
+    if not all(isinstance(text, str) and _WORD.fullmatch(text) for text in manifest.left_out):
+        raise refused(where, "paths of outputs that were left out", "something else")
+    program = {**manifest.program}
+    if {*program} != {"porse", "commit"} or not all(map(_VERSION.fullmatch, map(str, program.values()))):
+        raise refused(where, "the version and the commit of a program", "something else")
     return manifest
 
 
