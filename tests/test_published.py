@@ -388,7 +388,7 @@ def test_sizes_are_bounded_and_names_differ(tiny_run, name, file, message):
 )
 def test_words_that_a_terminal_would_read_otherwise_are_refused(tiny_run, program, left_out):
     forged = Manifest(program, read_manifest(tiny_run).files, left_out)
-    with pytest.raises(PorseError, match="refused: expected (the version and|paths of)"):
+    with pytest.raises(PorseError, match=r"refused: expected (the version and|paths of)"):
         parse_manifest(forged.render(), "m")
 
 
