@@ -27,7 +27,7 @@ from porse.tables import Table
 from porse.task_names import is_own
 
 MEMORY_MIB, SECONDS = 3072, 300
-"""What the check of a run may take; that of the default run takes 3 s."""
+"""What the check of a run may take; that of a tiny one takes half a second of computing."""
 
 MOST_TEXT_BYTES = 2 * 2**20
 """Of a parameter file, a preset, a lock, the inputs of a stage."""
