@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo repro proof test test-slow ray test-ray servers test-servers record-example site check format
+.PHONY: setup demo repro proof replay replay-sample test test-slow ray test-ray servers test-servers record-example site check format
 
 setup: .venv/ready
 
@@ -28,6 +28,13 @@ proof: setup
 	$(BIN)/porse repro --force --no-run-cache
 	git diff --exit-code dvc.lock iterations metrics.json
 	$(BIN)/pytest --quiet tests/test_default_run.py
+
+# The smallest published run, all of it, and a stage of another one, drawn anew each time.
+replay: setup replay-sample
+	$(BIN)/porse replay
+
+replay-sample: setup
+	$(BIN)/porse replay --sample 1
 
 # A file at a time to each core: many files share one small run between their tests.
 test: setup

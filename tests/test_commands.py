@@ -105,7 +105,7 @@ def test_every_command_that_prints_a_table_has_json():
     without = {name for name in LEAVES if not any("--json" in option.opts for option in ALL[name].params)}
     # They write files, run something, or print a text that is meant to be read as it is.
     assert without == {
-        ("demo",), ("export",), ("init",), ("pipeline",), ("schema",), ("run",), ("report",), ("render",), ("play",), ("suite", "run"),
+        ("demo",), ("export",), ("init",), ("pipeline",), ("schema",), ("run",), ("report",), ("render",), ("play",), ("publish",), ("show",), ("suite", "run"),
         ("llm", "export"), ("llm", "import"), ("llm", "show"), ("llm", "diff"), ("llm", "refresh"),
     }  # fmt: skip
 

@@ -30,7 +30,7 @@ LAYERS: list[set[str]] = [
     {"effort", "outdated", "repro", "schema"},
     {"show", "status", "suite"},
     {"reporting"},
-    {"doctor", "demo", "experiments", "export", "init"},
+    {"doctor", "demo", "experiments", "export", "init", "published"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

@@ -182,6 +182,14 @@ def test_the_code_is_what_stages_depend_on_as_it_is_now(project):
     assert len({before, changed, code()}) == 3
 
 
+def test_published_runs_are_not_carried_into_clones(project):
+    before = tracked_files(project)
+    (project / "published" / "a").mkdir(parents=True)
+    (project / "published" / "a" / "card.md").touch()
+    tiny.run(project, "git", "add", "-A")
+    assert tracked_files(project) == before
+
+
 def test_outside_a_repository_it_says_so(tmp_path):
     with pytest.raises(PorseError, match="expected a Git repository"):
         tracked_files(tmp_path)

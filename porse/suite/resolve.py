@@ -21,6 +21,9 @@ from porse.warm.sameness import sources
 REPLIES = "llm_cache"
 """The folder of recorded replies; an entry reads the project's own."""
 
+_PUBLISHED = "published/"
+"""Published runs: a run needs none of them."""
+
 _WRITTEN = re.compile(r"params\.yaml|metrics\.json|dvc\.lock|iterations/[^/]+/dvc\.(yaml|lock)")
 """Tracked files that differ from entry to entry."""
 
@@ -80,7 +83,7 @@ def laid_over(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict
 
 
 def tracked_files(root: Path) -> list[str]:
-    """Returns the files that Git tracks below `root` and that are there, but for recorded replies and what runs write.
+    """Returns the files that Git tracks below `root` and that are there, but for replies, published runs and what runs write.
 
     Raises:
         PorseError: `root` is no Git repository.
@@ -91,7 +94,7 @@ def tracked_files(root: Path) -> list[str]:
             f"expected a Git repository in {root}, found: {' '.join(done.stderr.split())}; run from a clone's root"
         )
     names = sorted(name for name in set(done.stdout.split("\0")) - {""} if not _WRITTEN.fullmatch(name))
-    return [name for name in names if not name.startswith(f"{REPLIES}/") and (root / name).is_file()]
+    return [name for name in names if not name.startswith((f"{REPLIES}/", _PUBLISHED)) and (root / name).is_file()]
 
 
 def code_id(root: Path, files: Sequence[str]) -> str:
