@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo repro proof test test-slow servers test-servers record-example check format
+.PHONY: setup demo repro proof test test-slow servers test-servers gpu test-gpu record-example check format
 
 setup: .venv/ready
 
@@ -34,7 +34,18 @@ test: setup
 
 # The long suite: minutes to an hour.
 test-slow: setup
-	$(BIN)/pytest -m "not servers" --timeout 3600
+	$(BIN)/pytest -m "not servers and not gpu and not warp" --timeout 3600
+
+# MuJoCo Warp, for `device: cuda:0`: docs/gpu.md.
+gpu: .venv/gpu
+
+.venv/gpu: .venv/ready requirements-gpu.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-gpu.lock
+	@touch $@
+
+# On the processor, and on a GPU where there is one. The first time compiles kernels for half an hour.
+test-gpu: gpu
+	$(BIN)/pytest -m "gpu or warp" --timeout 3600
 
 # An inference engine and a gateway, beside the project; the engine is compiled, ten to twenty minutes on one core.
 servers: .venv-servers/ready

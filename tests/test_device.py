@@ -4,19 +4,24 @@ Tensors on torch's device `meta` have shapes and no numbers: whoever looks at on
 them with tensors of the processor. So these rollouts need no GPU.
 """
 
+import dataclasses
+
 import pytest
 import torch
 
-from porse.exploration import Counts
+from porse.exploration import Counts, ProgressSpace, SimHash, literal
+from porse.functions.run.execute import Function
 from porse.sim.devices import Device, make_physics
 from porse.sim.physics import Physics
 from porse.sim.placement import placed
 from porse.tasks import TASKS, make_task
-from porse.training.bonus import NoBonus
-from porse.training.goal import human
+from porse.training.bonus import Ledger, MappingBonus, NoBonus, Price, SimHashBonus
+from porse.training.goal import generated, human
+from porse.training.ppo import build_ppo
 from porse.training.reward import Reward
-from porse.training.scale import NoScale
-from porse.training.vecenv import TaskEnv
+from porse.training.scale import NoScale, ReturnScale
+from porse.training.vecenv import TaskEnv, observation_groups
+from samples import MAPPING, REWARD, program
 
 META = torch.device("meta")
 
@@ -86,6 +91,37 @@ def test_a_rollout_looks_at_no_number_and_stays_on_its_device(blind, name):
         assert {value.device for value in values if isinstance(value, torch.Tensor)} == {META}
 
 
+@pytest.mark.parametrize("bonus", ["mapping", "simhash"])
+def test_generated_functions_run_on_the_device_of_their_variables(blind, bonus):
+    reward, mapping = program(REWARD), program(MAPPING)
+    with placed(META), torch.inference_mode():
+        task = blind("Quadcopter")
+        ledger = Ledger(Counts(8, 5, each_episode=False), Price(literal, NoScale(), 1.0), 0)
+        counted = Function(mapping, "mapping", portable=False)
+        space = ProgressSpace(counted.rises, 8, "grid")
+        paid = MappingBonus(counted, space, ledger) if bonus == "mapping" else SimHashBonus(SimHash(21, 3, 1), ledger)
+        goal = generated(Function(reward, "reward", portable=False))
+        env = TaskEnv(task, Reward(goal, paid, 1.0, 2.0, NoScale(), NoScale()))
+        env.step(torch.zeros(5, 12))
+        assert [value.device for value in (*env.reward._values, *env.reward._seen)] == [META, META]
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_ppo_rolls_out_on_the_device_of_its_observations(params, normalised):
+    train = dataclasses.replace(
+        params.train, num_envs=5, steps_per_epoch=2, minibatches=1, normalise_observations=normalised
+    )
+    with placed(META), torch.inference_mode():
+        seen, none = torch.zeros(5, 3), torch.zeros(5, dtype=torch.bool)
+        ppo = build_ppo(observation_groups(seen), 2, train)
+        for _ in range(2):
+            assert ppo.choose(seen).device == META
+            ppo.follow(none, none)
+        ppo.finish(seen)
+    assert {value.device for value in (ppo.storage.returns, ppo.storage.advantages, ppo.storage.rewards)} == {META}
+    assert {weight.device for weight in ppo.actor.parameters()} == {META}
+
+
 def test_the_device_of_shapes_tells_who_looks_at_a_number_and_who_mixes_devices():
     shapes = torch.zeros(3, device=META)
     for look in (lambda: bool(shapes.any()), lambda: shapes[shapes > 0], lambda: (shapes > 0).nonzero(), shapes.tolist):
@@ -130,6 +166,14 @@ def test_a_device_without_its_packages_is_refused(monkeypatch):
         TaskError, match=r"expected MuJoCo Warp for device: warp-cpu, found no package warp; install it"
     ):
         make_physics(None, 1, 1, (), Device("warp-cpu"), Capacity(1, 1))
+
+
+def test_returns_are_summed_up_on_a_device_as_on_the_processor():
+    """Two steps of two environments at gamma 0.5; the second one's episode ends in the first step."""
+    scale = ReturnScale(0.5, 2)
+    stream, goes_on = torch.tensor([[1.0, 2.0], [4.0, 8.0]]).double(), torch.tensor([[1.0, 0.0], [1.0, 1.0]]).double()
+    assert scale._returns_there(stream, goes_on).tolist() == [[1.0, 2.0], [4.5, 8.0]]
+    assert scale._returns_there(stream, goes_on)[0].tolist() == [1.0 + 2.25, 2.0 + 4.0]
 
 
 def test_counts_are_the_same_with_whole_numbers_and_with_floats():

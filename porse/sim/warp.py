@@ -58,7 +58,11 @@ class WarpPhysics(Physics):
         deterministic: bool,
         capacity: Capacity,
     ) -> None:
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_WARNING
+        if device.type == "cpu":
+            # There it is for tests, and kernels that nobody optimises are compiled many times as fast.
+            wp.config.optimization_level, wp.config.cpu_compiler_flags = 0, ""
+        wp.init()
         self.model, self.num_envs, self.device = model, num_envs, device
         self._capacity, self._warp = capacity, wp.device_from_torch(device)
         ours = copy.copy(model)
