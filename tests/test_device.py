@@ -13,7 +13,7 @@ from porse.exploration import Counts, ProgressSpace, SimHash, literal
 from porse.functions.run.execute import Function
 from porse.sim.devices import Device, make_physics
 from porse.sim.physics import Physics
-from porse.sim.placement import placed
+from porse.sim.placement import placed, unplaced
 from porse.tasks import TASKS, make_task
 from porse.training.bonus import Ledger, MappingBonus, NoBonus, Price, SimHashBonus
 from porse.training.goal import generated, human
@@ -69,6 +69,8 @@ def blind(monkeypatch):
     """Returns what makes a task on the device of shapes."""
 
     def physics(model, num_envs, threads, fields, device, capacity):
+        if device.name == "cpu":
+            return make_physics(model, num_envs, threads, fields, device, capacity)
         return Blind(model, num_envs)
 
     drawing = torch.Generator
@@ -150,6 +152,14 @@ def test_what_is_brought_along_is_taken_to_the_device_once():
         assert torch.tensor([1]).dtype == torch.int64
     assert moved[1] == moved[0] + 1  # `long` makes another tensor in every round
     assert torch.zeros(1).device.type == "cpu"
+
+
+def test_what_a_module_makes_stays_on_the_processor():
+    with placed(META):
+        with unplaced():
+            constant = torch.tensor([1.0])
+            assert constant.device.type == torch.zeros(1).device.type == "cpu"
+        assert torch.zeros(1).device == META
 
 
 def test_on_the_processor_there_is_no_such_context():

@@ -728,9 +728,9 @@ def made(monkeypatch):
 
     real = candidate_module.make_task
 
-    def make_task(name, num_envs, seed):
+    def make_task(name, num_envs, seed, device):
         seen.update(name=name, num_envs=num_envs, task_seed=seed)
-        return real(name, num_envs, seed)
+        return real(name, num_envs, seed, device=device)
 
     monkeypatch.setattr(candidate_module, "Trainer", Trained)
     monkeypatch.setattr(candidate_module, "make_task", make_task)

@@ -7,8 +7,8 @@ step would make the processor wait for the device each time.
 
 import contextlib
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -30,8 +30,20 @@ def placed(device: torch.device) -> contextlib.AbstractContextManager[Any]:
     return contextlib.nullcontext() if device.type == "cpu" else _Placed(device)
 
 
+@contextlib.contextmanager
+def unplaced() -> Iterator[None]:
+    """Lets tensors be made on the processor again, within `placed`: those of a module, which outlive the context."""
+    before, _Placed.is_idle = _Placed.is_idle, True
+    try:
+        yield
+    finally:
+        _Placed.is_idle = before
+
+
 class _Placed(TorchFunctionMode):
-    """Gives factories the device, and takes constants there."""
+    """Gives factories the device, and takes constants there, unless it `is_idle`."""
+
+    is_idle: ClassVar[bool] = False
 
     def __init__(self, device: torch.device) -> None:
         super().__init__()
@@ -43,6 +55,8 @@ class _Placed(TorchFunctionMode):
     ) -> Any:
         """Calls `func` with what it needs on the device."""
         named = dict(kwargs or {})
+        if self.is_idle:
+            return func(*args, **named)
         if func is torch.tensor and named.get("device") is None:
             return self._literal(args[0], named)
         if func in _FACTORIES and named.get("device") is None:

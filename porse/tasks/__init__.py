@@ -69,10 +69,15 @@ def make_task(name: str, num_envs: int, seed: int, threads: int = 1, device: "De
     Raises:
         TaskError: no task has that name, a task of your own is not what its class says, or the device is not there.
     """
-    found = find_task(name)
-    # A task of one's own may know nothing of devices.
-    elsewhere = device is not None and device.name != "cpu"
-    task = found(num_envs, seed, threads, device) if elsewhere else found(num_envs, seed, threads)
+    if device is None or device.name == "cpu":
+        # A task of one's own may know nothing of devices.
+        task = find_task(name)(num_envs, seed, threads)
+    else:
+        from porse.sim.placement import unplaced
+
+        with unplaced():
+            found = find_task(name)
+        task = found(num_envs, seed, threads, device)
     if is_own(name):
         from porse.tasks.own import check_task
 

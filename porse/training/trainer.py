@@ -99,7 +99,8 @@ class Trainer:
             load_optimizer(self._ppo, checkpoint)
             task, reward = self._env.task, self._env.reward
             task.load_state(same_names(tensors(checkpoint, "task"), task.state()))
-            reward.load_state(same_names(tensors(checkpoint, "reward"), reward.state()))
+            paid = same_names(tensors(checkpoint, "reward"), reward.state())
+            reward.load_state({name: value.to(task.device) for name, value in paid.items()})
             set_draws(task.device, tensors(checkpoint, "ppo")["generator"])
         except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
