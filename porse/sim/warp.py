@@ -135,7 +135,10 @@ class WarpPhysics(Physics):
     def restart(self, ids: Tensor) -> None:
         """See `Physics.restart`."""
         for name, view in self._state.items():
-            view[ids] = self._initial[name]
+            if len(ids) == self.num_envs:
+                view.copy_(self._initial[name].expand_as(view))
+            else:
+                view[ids] = self._initial[name]
 
     def refresh(self, ids: Tensor) -> None:
         """See `Physics.refresh`; those of the others are computed with them, and stay what they were."""
