@@ -5,12 +5,14 @@ import dataclasses
 import mujoco
 import pytest
 import torch
+from click.testing import CliRunner
 
 pytest.importorskip("mujoco_warp", reason="MuJoCo Warp is not installed: `make gpu`")
 pytestmark = pytest.mark.filterwarnings("ignore")  # Warp warns where there is no driver, in its own words
 
 from parity import AFTER, apart  # noqa: E402
 from porse.errors import TaskError  # noqa: E402
+from porse.report import gpu_speed  # noqa: E402
 from porse.sim.devices import Device, make_physics  # noqa: E402
 from porse.sim.physics import Capacity  # noqa: E402
 from porse.sim.placement import placed  # noqa: E402
@@ -143,6 +145,18 @@ def check_training(device, params, folder):
 @pytest.mark.warp
 def test_a_training_goes_on_from_its_checkpoint_with_the_same_bits(params, tmp_path):
     check_training(WARP, params, tmp_path)
+
+
+@pytest.mark.warp
+def test_the_measuring_script_prints_a_row_for_each_task_and_size_and_says_what_is_missing(root):
+    asked = ["--params", str(root / "params.yaml"), "--device", "warp-cpu", "--task", "Quadcopter", "--envs", "4"]
+    asked += ["--seconds", "0.01"]
+    lines = CliRunner().invoke(gpu_speed.main, asked, catch_exceptions=False).output.splitlines()
+    name, envs, *figures = [cell.strip() for cell in lines[-1].strip("|").split("|")]
+    assert (name, envs, len(figures)) == ("Quadcopter", "4", 4)
+    assert float(figures[0].replace(",", "")) > 0.0
+    none = CliRunner().invoke(gpu_speed.main, [*asked, "--minutes", "0"], catch_exceptions=False).output
+    assert none.splitlines()[-1].startswith("1 rows did not begin within 0 minutes")
 
 
 def gpu():
