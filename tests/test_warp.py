@@ -34,8 +34,11 @@ BALLS = """
   </worldbody>
 </mujoco>
 """
-LAND = {1: (1e-5, 1e-3), 10: (1e-3, 5e-2)}
-"""Largest differences of positions (m, rad) and of velocities (m/s, rad/s), by the number of control steps."""
+BOUNDS = {1: (1e-5, 1e-4), 10: (1e-3, 2e-3)}
+"""Largest differences of positions (m, rad), and of velocities as a share of the fastest, by the number of control steps."""
+TOUCHING = ("BlockStack", "BottleCap", "CatchOver2Underarm", "GraspAndPlace", "PushBlock")
+"""Objects that touch what they lie on with a gap of about nothing, or an egg that hits fingers at once."""
+BOUNDS_TOUCHING = {1: (1e-3, 1e-3), 10: (1e-2, 1e-2)}
 
 
 def balls(capacity=Capacity(8, 32)):  # noqa: B008  a frozen value
@@ -47,7 +50,7 @@ def balls(capacity=Capacity(8, 32)):  # noqa: B008  a frozen value
 @pytest.mark.parametrize("name", sorted(TASKS))
 def test_a_task_moves_as_it_does_on_the_processor(name):
     for steps, found in zip(AFTER, apart(name), strict=True):
-        positions, velocities = LAND[steps]
+        positions, velocities = (BOUNDS_TOUCHING if name in TOUCHING else BOUNDS)[steps]
         assert found.positions < positions
         assert found.velocities < velocities * max(1.0, found.fastest)
 
