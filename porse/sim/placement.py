@@ -18,8 +18,10 @@ _FACTORIES = frozenset(
     (torch.arange, torch.empty, torch.eye, torch.full, torch.linspace, torch.ones, torch.rand, torch.randint, torch.randn,
      torch.randperm, torch.zeros)
 )  # fmt: skip
-_MOVES = frozenset((Tensor.copy_, Tensor.to, Tensor.cpu, Tensor.cuda, Tensor.set_))
-"""Functions that may well be given tensors of two devices."""
+_MOVES = frozenset(
+    (Tensor.clone, Tensor.copy_, Tensor.cpu, Tensor.cuda, Tensor.detach, Tensor.numpy, Tensor.set_, Tensor.to)
+)  # fmt: skip
+"""Functions that take tensors where they are: checkpoints come and go by them."""
 
 _MOST_KEPT = 512
 """Constants that are kept on the device; a program has some dozens."""
@@ -62,13 +64,11 @@ class _Placed(TorchFunctionMode):
         if func in _FACTORIES and named.get("device") is None:
             named["device"] = self._device
         elif func is Tensor.__getitem__ or func is Tensor.__setitem__:
-            args = (args[0], self._index(args[1]) if self._is_here(args[0]) else args[1], *args[2:])
-        if func not in _MOVES and func is not Tensor.__getitem__ and any(map(self._is_here, _tensors(args, named))):
+            args = (args[0], self._index(args[1]), *args[2:])
+        if func not in _MOVES and getattr(func, "__name__", "") != "__get__":
+            # Even where all of it is elsewhere: what is made of constants in every step would else be copied in every step.
             args, named = self._moved(tuple(args)), {name: self._moved(value) for name, value in named.items()}
         return func(*args, **named)
-
-    def _is_here(self, value: Any) -> bool:
-        return isinstance(value, Tensor) and value.device.type == self._device.type
 
     def _index(self, index: Any) -> Any:
         """Returns an index with its lists, and its tensors of elsewhere, as tensors on the device."""
@@ -110,14 +110,6 @@ class _Placed(TorchFunctionMode):
         else:
             self._kept.move_to_end(key)
         return self._kept[key][1]
-
-
-def _tensors(args: Sequence[Any], named: Mapping[str, Any]) -> list[Any]:
-    """Returns the arguments, and what is in those that are lists."""
-    flat: list[Any] = []
-    for value in (*args, *named.values()):
-        flat += value if isinstance(value, tuple | list) else [value]
-    return flat
 
 
 def _hashable(data: Any) -> Any:
