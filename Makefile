@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup demo repro proof replay replay-sample test test-slow ray test-ray servers test-servers record-example site check format
+.PHONY: setup demo repro proof replay replay-sample test test-slow ray test-ray gpu test-gpu servers test-servers record-example site check format
 
 setup: .venv/ready
 
@@ -42,7 +42,7 @@ test: setup
 
 # The long suite: minutes to an hour.
 test-slow: setup
-	$(BIN)/pytest -m "not servers and not ray" --timeout 3600
+	$(BIN)/pytest -m "not servers and not ray and not gpu and not warp" --timeout 3600
 
 # Ray, for PORSE_EXECUTOR=ray: what is not in the other locks.
 ray: .venv/ray-ready
@@ -54,6 +54,17 @@ ray: .venv/ray-ready
 # On a cluster of one machine and of two, a minute or two.
 test-ray: ray
 	$(BIN)/pytest -m ray
+
+# MuJoCo Warp, for `device: cuda:0`: docs/gpu.md.
+gpu: .venv/gpu
+
+.venv/gpu: .venv/ready requirements-gpu.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-gpu.lock
+	@touch $@
+
+# On the processor, and on a GPU where there is one. The first time compiles kernels for half an hour.
+test-gpu: gpu
+	$(BIN)/pytest -m "gpu or warp" --timeout 3600
 
 # An inference engine and a gateway, beside the project; the engine is compiled, ten to twenty minutes on one core.
 servers: .venv-servers/ready

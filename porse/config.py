@@ -275,6 +275,8 @@ class Params(Section):
     generator: Literal["model", "grammar", "files"]
     seed: Annotated[int, Range(0, 2**31 - 1)]
     numerics: Literal["portable", "fast"]
+    device: Literal["cpu", "warp-cpu", "cuda:0", "cuda:1", "cuda:2", "cuda:3", "cuda:4", "cuda:5", "cuda:6", "cuda:7"]
+    deterministic: bool
     llm: LlmParams
     candidate: CandidateParams
     generate: GenerateParams

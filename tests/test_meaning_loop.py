@@ -27,6 +27,7 @@ class Standing:
     """Three environments in which nothing moves and nothing ends."""
 
     NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 1, 9, False, 3
+    device, is_asynchronous = torch.device("cpu"), False
 
     def __init__(self):
         self.progress = torch.zeros(3, dtype=torch.int64)
@@ -45,8 +46,11 @@ class Standing:
 
     timed_out = terminated
 
-    def fitness(self):
-        return 0.5
+    def check(self):
+        pass
+
+    def mean_fitness(self):
+        return torch.tensor(0.5)
 
 
 class Asked:
@@ -171,8 +175,8 @@ def test_a_scale_of_other_environments_or_moments_is_refused(num_envs, moments):
 
 def test_an_epochs_episode_length_is_a_mean_that_may_be_no_whole_number():
     lengths = EpisodeLengths()
-    lengths.add(torch.tensor([3, 8]))
-    lengths.add(torch.tensor([6]))
+    lengths.add(torch.tensor([3, 5, 8]), torch.tensor([True, False, True]))
+    lengths.add(torch.tensor([4, 6, 9]), torch.tensor([False, True, False]))
     # 17 steps of 3 episodes; then none ended
     assert lengths.take() == {"episode_length": pytest.approx(17 / 3)}
     assert lengths.take() == {}

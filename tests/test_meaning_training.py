@@ -46,6 +46,7 @@ class Task:
     """
 
     NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 1, 9, False, 3
+    device, is_asynchronous = torch.device("cpu"), False
     STATES: ClassVar = [[1.0, 2.0, 2.0], [2.0, 3.0, 3.0], [3.0, 1.0, 1.0], [4.0, 3.0, 3.0]]
     REWARDS: ClassVar = [1.0, 2.0, 4.0]
 
@@ -78,6 +79,12 @@ class Task:
 
     def stagger(self, seed):
         self.staggered.append(seed)
+
+    def check(self):
+        pass
+
+    def mean_fitness(self):
+        return torch.tensor(self.fitness())
 
     def human_reward(self):
         return torch.full((3,), 11.0)
@@ -721,9 +728,9 @@ def made(monkeypatch):
 
     real = candidate_module.make_task
 
-    def make_task(name, num_envs, seed):
+    def make_task(name, num_envs, seed, device):
         seen.update(name=name, num_envs=num_envs, task_seed=seed)
-        return real(name, num_envs, seed)
+        return real(name, num_envs, seed, device=device)
 
     monkeypatch.setattr(candidate_module, "Trainer", Trained)
     monkeypatch.setattr(candidate_module, "make_task", make_task)

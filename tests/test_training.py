@@ -224,6 +224,7 @@ class FakeTask:
     """Two environments: the first fails, the second meets the time limit."""
 
     NUM_ACTIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 5, False, 2
+    is_asynchronous = False
     progress = torch.tensor([3, 5])
 
     def __init__(self):
@@ -244,8 +245,8 @@ class FakeTask:
     def timed_out(self):
         return torch.tensor([True, True])
 
-    def fitness(self):
-        return 0.0
+    def mean_fitness(self):
+        return torch.tensor(0.0)
 
     def renew(self, mask):
         self.reset_mask = mask

@@ -22,6 +22,7 @@ PACKAGES = "requirements.lock"
 """The pinned packages, which every result depends on."""
 
 _ALL = ("numerics",)
+_TRAINS = ("device", "deterministic")
 _ASKED = ("prompts", "llm_cache/refreshed.txt")
 """Records are found by their question and written once, so they are no inputs; the list of those that were replaced is."""
 _ASKS = ("task", "seed", "generator", "llm", "candidate", "generate")
@@ -30,11 +31,11 @@ STAGES: dict[str, Stage] = {
     "begin": Stage("stages.begin", (*_ALL, "task", "seed", "train")),
     "generate": Stage("stages.generate", (*_ALL, *_ASKS, "islands"), _ASKED),
     "validate-code": Stage(
-        "stages.validate_code", (*_ALL, *_ASKS, "islands", "validate", "probe"), _ASKED
+        "stages.validate_code", (*_ALL, *_TRAINS, *_ASKS, "islands", "validate", "probe"), _ASKED
     ),
     "train-population": Stage(
         "stages.train_population",
-        (*_ALL, "task", "seed", "candidate.goal", "candidate.bonus", "candidate.scale", "exploration", "train", "probe",
+        (*_ALL, *_TRAINS, "task", "seed", "candidate.goal", "candidate.bonus", "candidate.scale", "exploration", "train", "probe",
          "iterations", "generate.candidates"),
     ),
     "eliminate": Stage("stages.eliminate", (*_ALL, "eliminate")),
@@ -46,7 +47,7 @@ STAGES: dict[str, Stage] = {
     ),
     "evaluate": Stage(
         "stages.evaluate",
-        (*_ALL, "task", "seed", "candidate", "exploration", "train", "fuse", "evaluate", "iterations", "rungs",
+        (*_ALL, *_TRAINS, "task", "seed", "candidate", "exploration", "train", "fuse", "evaluate", "iterations", "rungs",
          "generate.candidates"),
     ),
     "summarise": Stage(

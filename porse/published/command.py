@@ -25,7 +25,7 @@ from porse.published.fetch import find, is_address, is_name, published_folders, 
 from porse.published.locks import Shelf, read_locks
 from porse.published.manifest import FOLDER, OUTPUTS, OUTPUTS_FILE, read_manifest
 from porse.published.replay import Replay, drawn, names_of, replay
-from porse.report.results import read_metrics
+from porse.report.results import read_figures
 from porse.search.schedule import total_epochs
 from porse.suite.clone import DVC
 
@@ -81,7 +81,7 @@ def published(as_json: bool) -> None:
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    params, metrics, manifest = _params(folder), read_metrics(folder / "metrics.json"), read_manifest(folder)
+    params, figures, manifest = _params(folder), read_figures(folder), read_manifest(folder)
     return {
         "name": folder.name,
         "task": params.task,
@@ -89,8 +89,8 @@ def _row(folder: Path) -> dict[str, Any]:
         "ablation": params.ablation,
         "generator": params.generator,
         "seed": params.seed,
-        "score": metrics["score"],
-        "mts": metrics["mts"],
+        "score": figures["score"],
+        "mts": figures["mts"],
         "epochs": total_epochs(params),
         "files": len(manifest.files),
         "bytes": sum(file.size for file in manifest.files.values()),

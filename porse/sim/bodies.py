@@ -22,8 +22,8 @@ class Bodies:
         self.names = names
         ids = [physics.model.body(name).id for name in names]
         self._physics = physics
-        self._ids = torch.tensor(ids)
-        self._roots = torch.tensor([int(physics.model.body_rootid[body]) for body in ids])
+        self._ids = torch.tensor(ids, device=physics.device)
+        self._roots = torch.tensor([int(physics.model.body_rootid[body]) for body in ids], device=physics.device)
 
     def states(self, ids: Tensor | None = None) -> Tensor:
         """Returns the states of the bodies' frames in the world frame.

@@ -1,12 +1,13 @@
 """Many simulations of one model behind one small interface.
 
-`Physics` is what tasks use: live float64 views of states and controls, one call that advances every simulation, and
-copies of derived fields. `CpuPhysics` does it with MuJoCo's own batch. A simulation that blows up never ends the
-program: `advance` says which ones did, and the caller starts them again.
+`Physics` is what tasks use: live views of states and controls, one call that advances every simulation, and copies of
+derived fields. `CpuPhysics` does it with MuJoCo's own batch, `porse.sim.warp.WarpPhysics` on a GPU. A simulation that blows
+up never ends the program: `advance` says which ones did, and the caller starts them again.
 """
 
 import ctypes
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -28,18 +29,35 @@ _QUIET = ctypes.CDLL(None).strlen
 """A warning handler that does nothing: it must be a C function of one string, since native threads call it."""
 
 
+@dataclass(frozen=True)
+class Capacity:
+    """Room that a back end sets aside before it begins.
+
+    Attributes:
+        contacts: of each simulation, on average; geoms whose bounds overlap count as well.
+        rows: of the constraint solver, of each simulation at most.
+    """
+
+    contacts: int
+    rows: int
+
+
 class Physics(ABC):
     """`num_envs` simulations of `model`.
 
     Attributes:
         model: the compiled model, shared by all simulations.
         num_envs: number of simulations.
-        qpos: positions `(num_envs, nq)`, float64, live: a write is the state at the next call. Quaternions are MuJoCo's.
-        qvel: velocities `(num_envs, nv)`, float64, live.
-        ctrl: controls `(num_envs, nu)`, float64, live.
-        force: external wrench on each body, force then torque, world frame, `(num_envs, nbody, 6)`, float64, live.
-        mocap_pos: positions of the bodies that only a task moves, `(num_envs, nmocap, 3)`, float64, live.
-        mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, float64, live.
+        device: of all tensors.
+        real: the type of the live tensors.
+        asynchronous: whether the device works behind the processor, which would wait for it with every look at a number. A
+            rollout must not ask there which simulations did something: masks stay masks, and ids are those of all.
+        qpos: positions `(num_envs, nq)`, live: a write is the state at the next call. Quaternions are MuJoCo's.
+        qvel: velocities `(num_envs, nv)`, live.
+        ctrl: controls `(num_envs, nu)`, live.
+        force: external wrench on each body, force then torque, world frame, `(num_envs, nbody, 6)`, live.
+        mocap_pos: positions of the bodies that only a task moves, `(num_envs, nmocap, 3)`, live.
+        mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, live.
         kept: the share of its velocity that each degree of freedom keeps when a step begins, `(nv,)`, float64, or None
             where nothing is dragged (see `porse.sim.drag`). Outer forces are for whoever writes them to scale.
         fastest: the highest speed with which each degree of freedom begins a step, `(nv,)`, float64, or None for no bound.
@@ -47,6 +65,9 @@ class Physics(ABC):
 
     model: mujoco.MjModel
     num_envs: int
+    device: torch.device = torch.device("cpu")
+    real: torch.dtype = torch.float64
+    asynchronous: bool = False
     qpos: Tensor
     qvel: Tensor
     ctrl: Tensor
@@ -58,7 +79,10 @@ class Physics(ABC):
 
     @abstractmethod
     def advance(self, substeps: int) -> Tensor:
-        """Advances all simulations and returns which ones blew up, bool `(num_envs,)`; their states are undefined."""
+        """Advances all simulations and returns which ones blew up, bool `(num_envs,)`.
+
+        Their states are undefined; but on an asynchronous back end they are back in the states that `keep_start` has kept.
+        """
 
     @abstractmethod
     def restart(self, ids: Tensor) -> None:
@@ -80,13 +104,31 @@ class Physics(ABC):
             `(num_envs, ...)` or `(len(ids), ...)`.
         """
 
+    def positions(self) -> Tensor:
+        """Returns a float32 copy of `qpos`."""
+        return self.qpos.to(torch.float32, copy=True)
+
+    def velocities(self) -> Tensor:
+        """Returns a float32 copy of `qvel`."""
+        return self.qvel.to(torch.float32, copy=True)
+
     @abstractmethod
     def state(self) -> Tensor:
-        """Returns a copy of everything that an exact continuation needs, float64 `(num_envs, n)`."""
+        """Returns a copy of everything that an exact continuation needs, of type `real`, `(num_envs, n)`."""
 
     @abstractmethod
     def load_state(self, state: Tensor) -> None:
         """Continues from what `state` returned. Derived fields stay as they are."""
+
+    def keep_start(self) -> None:  # noqa: B027  who sees that one did starts it again by itself
+        """Keeps the present states for simulations that blow up."""
+
+    def check(self) -> None:  # noqa: B027  a back end that makes room as it goes has nothing to check
+        """Checks that no simulation ran out of room since the last check.
+
+        Raises:
+            TaskError: one did; the text names the figure to raise.
+        """
 
 
 class CpuPhysics(Physics):

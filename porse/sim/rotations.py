@@ -19,8 +19,8 @@ WXYZ_FROM_XYZW = [3, 0, 1, 2]
 
 
 def sqrt(x: Tensor) -> Tensor:
-    """Returns the correctly rounded square root of a tensor on the CPU, the same on every CPU."""
-    return torch.from_numpy(np.sqrt(x.numpy()))
+    """Returns the square root; on the CPU it is correctly rounded, and so the same on every CPU."""
+    return torch.from_numpy(np.sqrt(x.numpy())) if x.device.type == "cpu" else torch.sqrt(x)
 
 
 def cos(x: Tensor) -> Tensor:
@@ -75,7 +75,7 @@ def rotate_inverse(q: Tensor, v: Tensor) -> Tensor:
 
 def about_axis(axis: int, angle: Tensor) -> Tensor:
     """Returns the rotations by `angle` (rad) `(...)` about a coordinate axis (0, 1, 2): `(..., 4)`."""
-    q = torch.zeros(*angle.shape, 4, dtype=angle.dtype)
+    q = torch.zeros(*angle.shape, 4, dtype=angle.dtype, device=angle.device)
     q[..., axis] = torch.sin(angle * 0.5)
     q[..., 3] = cos(angle * 0.5)
     return q

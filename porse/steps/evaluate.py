@@ -31,13 +31,17 @@ def evaluate(params: Params, run: Path, out: Path) -> str:
 def _episodes(params: Params, winner: Row, run: Path) -> list[Row]:
     """Returns the rows of the episodes table: the run's winner, as it was at the end of the iteration that it won."""
     # Imported here, after the trainings were forked: they have a torch of their own.
+    from porse.sim.placement import placed
     from porse.tasks import make_task
     from porse.training.actor import policy_actor
+    from porse.training.device import made_ready
     from porse.training.episodes import play_episodes
 
-    task = make_task(params.task, params.evaluate.episodes, episodes_seed(params))
     policy = policy_file(run / str(winner["iteration"]) / params.fuse.pool, winner["policy"])
-    played = play_episodes(task, policy_actor(task, policy, params.train))
+    device = made_ready(params)
+    with placed(device.torch):
+        task = make_task(params.task, params.evaluate.episodes, episodes_seed(params), device=device)
+        played = play_episodes(task, policy_actor(task, policy, params.train))
     return [
         {"episode": number, "candidate_id": winner["candidate_id"], "steps": episode.steps, "outcome": episode.outcome}
         for number, episode in enumerate(played)

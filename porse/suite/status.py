@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from porse.report.figures import human_normalised_score, spread
 from porse.report.results import read_figures
-from porse.suite.folders import Folders, folders_of, is_locked, read_json
+from porse.suite.folders import Folders, folders_of, is_locked
 from porse.suite.plan import Entry, Suite
 from porse.suite.resolve import Resolved, code_id, resolve, tracked_files
 from porse.suite.run import failure, is_done

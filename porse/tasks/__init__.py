@@ -12,6 +12,7 @@ from porse.errors import TaskError
 from porse.task_names import TASK_CLASSES, is_own
 
 if TYPE_CHECKING:
+    from porse.sim.devices import Device
     from porse.tasks.base import Task
 
 __all__ = ["TASKS", "find_task", "make_task"]
@@ -55,7 +56,7 @@ def find_task(name: str) -> type["Task"]:
     return TASKS[name]
 
 
-def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> "Task":
+def make_task(name: str, num_envs: int, seed: int, threads: int = 1, device: "Device | None" = None) -> "Task":
     """Returns a new task with its first episodes started.
 
     Args:
@@ -63,11 +64,20 @@ def make_task(name: str, num_envs: int, seed: int, threads: int = 1) -> "Task":
         num_envs: number of environments.
         seed: seed of the task's own generator.
         threads: native threads of the physics; changes no result.
+        device: of the physics; the CPU where there is none. On a GPU, call it and the task within `porse.sim.placement.placed`.
 
     Raises:
-        TaskError: no task has that name, or a task of your own is not what its class says.
+        TaskError: no task has that name, a task of your own is not what its class says, or the device is not there.
     """
-    task = find_task(name)(num_envs, seed, threads)
+    if device is None or device.name == "cpu":
+        # A task of one's own may know nothing of devices.
+        task = find_task(name)(num_envs, seed, threads)
+    else:
+        from porse.sim.placement import unplaced
+
+        with unplaced():
+            found = find_task(name)
+        task = found(num_envs, seed, threads, device)
     if is_own(name):
         from porse.tasks.own import check_task
 

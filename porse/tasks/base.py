@@ -14,14 +14,15 @@ Nothing draws from a global generator, and `state` holds everything that a bit-e
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import torch
 from torch import Tensor
 
 from porse.errors import TaskError
-from porse.sim.physics import CpuPhysics
+from porse.sim.devices import CPU, Device, make_physics
+from porse.sim.physics import Capacity
 from porse.tasks.source import observation_source
 from porse.variables import Variable
 
@@ -51,7 +52,9 @@ class Task(ABC):
         SUBSTEPS: physics steps in a control step.
         OBSERVATION_CLIP: observations are clipped to +- this; infinity for none.
         FIELDS: derived MuJoCo fields that the measurements read.
-        MEASURED: attributes that neither the physics state nor the other saved state gives back, saved as they are.
+        MEASURED: attributes that neither the physics state nor the other saved state gives back, saved as they are: a row
+            for each environment.
+        CAPACITY: room for contacts on a GPU; too little is an error that names the figure.
         VARIABLES: what generated functions may read.
         OBSERVATION_HELPERS: functions that `compute_observations` calls and prompts show with it.
         OVER_EPISODES: whether `fitness` is a statistic over the episodes that ended, and an epoch's fitness what it is at
@@ -59,7 +62,7 @@ class Task(ABC):
         num_envs: number of environments.
         progress: steps of the running episodes, int64 `(num_envs,)`.
         head_start: by how many steps the time limit comes sooner for them, int64 `(num_envs,)`; 0 for a whole episode.
-        blown_up: simulations that diverged so far; each was started again.
+        blown_up: simulations that diverged so far; each was started again. A tensor of one number on a GPU.
     """
 
     NAME: ClassVar[str]
@@ -77,20 +80,28 @@ class Task(ABC):
     OBSERVATION_CLIP: ClassVar[float] = float("inf")
     FIELDS: ClassVar[tuple[str, ...]] = ()
     MEASURED: ClassVar[tuple[str, ...]] = ()
+    CAPACITY: ClassVar[Capacity] = Capacity(contacts=64, rows=256)
     VARIABLES: ClassVar[tuple[Variable, ...]]
     OBSERVATION_HELPERS: ClassVar[tuple[Callable[..., Tensor], ...]] = ()
     OVER_EPISODES: ClassVar[bool] = False
 
-    def __init__(self, num_envs: int, seed: int, threads: int) -> None:
+    def __init_subclass__(cls, **named: Any) -> None:
+        """Lets a class that only says what `fitness` is have it in `mean_fitness`, too, whatever the classes above it say."""
+        super().__init_subclass__(**named)
+        if "fitness" in vars(cls) and "mean_fitness" not in vars(cls):
+            cls.mean_fitness = Task.mean_fitness  # type: ignore[method-assign]
+
+    def __init__(self, num_envs: int, seed: int, threads: int, device: Device = CPU) -> None:
         """Builds the scene and starts every episode.
 
         Args:
             num_envs: number of environments.
             seed: seed of the task's own generator, from which every reset draws.
             threads: native threads of the physics; changes no result.
+            device: of the physics. On a GPU, this and all other methods are called within `placed`.
 
         Raises:
-            TaskError: `num_envs` or `threads` is not positive.
+            TaskError: `num_envs` or `threads` is not positive, or the device is not there.
         """
         if num_envs < 1 or threads < 1:
             raise TaskError(
@@ -98,19 +109,21 @@ class Task(ABC):
                 f"threads={threads}. Give both as positive whole numbers."
             )
         self.num_envs = num_envs
-        self.device = torch.device("cpu")
+        self.device = device.torch
         self.control_dt = self.CONTROL_DT
-        self.blown_up = 0
+        self.blown_up: int | Tensor = 0
         self.progress = torch.zeros(num_envs, dtype=torch.int64)
         self.head_start = torch.zeros(num_envs, dtype=torch.int64)
         self.actions = torch.zeros(num_envs, self.NUM_ACTIONS)
-        self._generator = torch.Generator().manual_seed(seed)
+        self._generator = torch.Generator(self.device).manual_seed(seed)
         self._diverged = torch.zeros(num_envs, dtype=torch.bool)
+        self._all = torch.arange(num_envs)
         scene = self.scene()
         scene.option.timestep = self.CONTROL_DT / self.SUBSTEPS
-        self._physics = CpuPhysics(scene.compile(), num_envs, threads, self.FIELDS)
+        self._physics = make_physics(scene.compile(), num_envs, threads, self.FIELDS, device, self.CAPACITY)
         self._prepare()
-        self.reset(torch.ones(num_envs, dtype=torch.bool))
+        self._begin(self._all)
+        self._physics.keep_start()
 
     # What a task defines.
 
@@ -154,6 +167,10 @@ class Task(ABC):
     def fitness(self) -> float:
         """Returns the task's fitness statistic now."""
 
+    def mean_fitness(self) -> Tensor:
+        """Returns `fitness` as a tensor of one number, which stays on the device where a task computes it there."""
+        return torch.tensor(self.fitness(), dtype=torch.float64)
+
     @abstractmethod
     def sparse_reward(self) -> Tensor:
         """Returns the fitness as a reward of each step, float32 `(num_envs,)`."""
@@ -189,12 +206,19 @@ class Task(ABC):
         self.actions = actions.detach().to(torch.float32).clamp(-1.0, 1.0)
         self._act()
         self._diverged = self._physics.advance(self.SUBSTEPS)
-        if self._diverged.any():
-            self._restart_diverged()
-        self.progress += 1
-        self._measure()
-        if self._diverged.any():
-            self._measure_started(self._diverged.nonzero().squeeze(-1))
+        if self._physics.asynchronous:
+            # The physics has put them where they first began.
+            self.blown_up = self.blown_up + self._diverged.sum()
+            self.progress += 1
+            self._measure()
+            self._for_some(self._measure_started, self._diverged)
+        else:
+            if self._diverged.any():
+                self._restart_diverged()
+            self.progress += 1
+            self._measure()
+            if self._diverged.any():
+                self._measure_started(self._diverged.nonzero().squeeze(-1))
         self._record()
 
     def observations(self) -> Tensor:
@@ -222,18 +246,20 @@ class Task(ABC):
 
     def reset(self, mask: Tensor) -> None:
         """Starts a new episode where `mask` (bool `(num_envs,)`) is set, and touches no other environment."""
-        ids = mask.nonzero().squeeze(-1)
-        if not len(ids):
+        if self._physics.asynchronous:
+            self._for_some(self._begin, mask)
             return
-        self._physics.restart(ids)
-        self._start(ids)
-        if self.FIELDS:
-            self._physics.refresh(ids)
-        self.progress[ids] = 0
-        self.head_start[ids] = 0
-        self.actions[ids] = 0.0
-        self._diverged[ids] = False
-        self._measure_started(ids)
+        ids = mask.nonzero().squeeze(-1)
+        if len(ids):
+            self._begin(ids)
+
+    def check(self) -> None:
+        """Checks that the physics had room for all contacts since the last check; it may wait for the device.
+
+        Raises:
+            TaskError: it had not.
+        """
+        self._physics.check()
 
     def stagger(self, seed: int) -> None:
         """Gives each running episode a head start from 0 up to the time limit, as if it had begun so long ago.
@@ -247,10 +273,10 @@ class Task(ABC):
             seed: of the draw, which leaves the task's own generator alone.
         """
         generator = torch.Generator().manual_seed(seed)
-        stretches = torch.randperm(self.num_envs, generator=generator)
-        within = torch.randint(self.TIME_LIMIT, (self.num_envs,), generator=generator)
+        stretches = torch.randperm(self.num_envs, generator=generator, device="cpu")
+        within = torch.randint(self.TIME_LIMIT, (self.num_envs,), generator=generator, device="cpu")
         # Whole numbers all the way: the dividend is uniform on 0 to num_envs TIME_LIMIT - 1.
-        self.head_start = (stretches * self.TIME_LIMIT + within) // self.num_envs
+        self.head_start = ((stretches * self.TIME_LIMIT + within) // self.num_envs).to(self.device)
 
     def renew(self, mask: Tensor) -> None:
         """Resets episodes that ended, in a training: what `stagger` has spread stays so.
@@ -263,6 +289,11 @@ class Task(ABC):
         self.reset(mask)
         if not self.OVER_EPISODES:
             self.head_start = torch.where(mask & (ages < self.TIME_LIMIT), ages, self.head_start)
+
+    @property
+    def is_asynchronous(self) -> bool:
+        """Whether the device works behind the processor, which a look at any number would make wait."""
+        return self._physics.asynchronous
 
     @property
     def obs_buf(self) -> Tensor:
@@ -279,7 +310,7 @@ class Task(ABC):
         saved = {
             "physics": self._physics.state(),
             "generator": self._generator.get_state(),
-            "blown_up": torch.tensor(self.blown_up),
+            "blown_up": torch.tensor(int(self.blown_up), device="cpu"),
             "diverged": self._diverged.clone(),
             "progress": self.progress.clone(),
             "head_start": self.head_start.clone(),
@@ -294,15 +325,15 @@ class Task(ABC):
             TaskError: the state is of another task, another number of environments or another version.
         """
         self._check_state(state)
-        self._physics.load_state(state["physics"])
-        self._generator.set_state(state["generator"])
+        self._physics.load_state(state["physics"].to(self.device))
+        self._generator.set_state(state["generator"].cpu())
         self.blown_up = int(state["blown_up"])
-        self._diverged = state["diverged"].clone()
-        self.progress = state["progress"].clone()
-        self.head_start = state["head_start"].clone()
-        self.actions = state["actions"].clone()
+        self._diverged = self._copied(state["diverged"])
+        self.progress = self._copied(state["progress"])
+        self.head_start = self._copied(state["head_start"])
+        self.actions = self._copied(state["actions"])
         for name in self.MEASURED:
-            setattr(self, name, state[f"measured/{name}"].clone())
+            setattr(self, name, self._copied(state[f"measured/{name}"]))
         self._remeasure()
 
     @classmethod
@@ -311,6 +342,36 @@ class Task(ABC):
         return observation_source(cls)
 
     # What the base does for itself.
+
+    def _begin(self, ids: Tensor) -> None:
+        """Starts new episodes in the environments `ids`, and touches no other."""
+        self._physics.restart(ids)
+        self._start(ids)
+        if self.FIELDS:
+            self._physics.refresh(ids)
+        self.progress[ids] = 0
+        self.head_start[ids] = 0
+        self.actions[ids] = 0.0
+        self._diverged[ids] = False
+        self._measure_started(ids)
+
+    def _for_some(self, do: Callable[[Tensor], None], mask: Tensor) -> None:
+        """Does for the environments of `mask` what `do` does for ids, where nobody may ask which they are.
+
+        It is done for all, and the others get back what they had: what `state` saves, which gives all the rest.
+        """
+        names = ("progress", "head_start", "actions", "_diverged", *self.MEASURED)
+        physics, values = self._physics.state(), {name: getattr(self, name).clone() for name in names}
+        do(self._all)
+        self._physics.load_state(torch.where(mask.unsqueeze(-1), self._physics.state(), physics))
+        for name, before in values.items():
+            rows = mask.view(-1, *[1] * (before.dim() - 1))
+            setattr(self, name, torch.where(rows, getattr(self, name), before))
+        self._remeasure()
+
+    def _copied(self, value: Tensor) -> Tensor:
+        """Returns a tensor in memory of its own, on the task's device."""
+        return value.to(self.device, copy=True)
 
     def _remeasure(self) -> None:
         """Sets the variables after a state was loaded."""
@@ -340,7 +401,7 @@ class Task(ABC):
 
     def _uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Returns float32 draws from U[low, high) of the task's generator."""
-        return low + (high - low) * torch.rand(*shape, generator=self._generator)
+        return low + (high - low) * torch.rand(*shape, generator=self._generator, device=self.device)
 
 
 class _Present(Mapping[str, Value]):

@@ -62,7 +62,11 @@ class SuccessTask(Task):
 
     def fitness(self) -> float:
         """Returns the mean outcome of the episodes."""
-        return float(self.outcomes.mean())
+        return float(self.mean_fitness())
+
+    def mean_fitness(self) -> Tensor:
+        """Returns the same as a tensor."""
+        return self.outcomes.mean()
 
     def sparse_reward(self) -> Tensor:
         """Returns 1 where the task is solved now, else 0."""

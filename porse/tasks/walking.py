@@ -44,7 +44,7 @@ class WalkingTask(Task):
 
     def _name_measurements(self) -> None:
         """Sets the variables from the joints."""
-        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
+        qpos, qvel = self._physics.positions(), self._physics.velocities()
         orientation = qpos[:, [4, 5, 6, 3]]
         # MuJoCo keeps a free joint's angular velocity in the body's own frame.
         spin = rotations.rotate(orientation, qvel[:, 3:6])

@@ -10,9 +10,12 @@ from porse.functions.run.execute import Function
 from porse.functions.verdict import CodeError
 from porse.identity import seed_for
 from porse.search.lengths import rung_epochs
+from porse.sim.devices import Device
+from porse.sim.placement import placed
 from porse.tasks import make_task
 from porse.tasks.base import Task
 from porse.training.bonus import Bonus, Ledger, MappingBonus, NoBonus, Price, SimHashBonus
+from porse.training.device import made_ready
 from porse.training.goal import Goal, generated, human, sparse
 from porse.training.job import Job, Outcome
 from porse.training.reason import lacks_memory, plain, reason_of
@@ -50,11 +53,13 @@ def train_candidate(job: Job, params: Params, report: Callable[[int, float], Non
 
 
 def _trained(job: Job, params: Params, report: Callable[[int, float], None], before: Callable[[int], None]) -> Outcome:
-    task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"))
-    trainer = Trainer(task, reward_of(job, task, params), params.train, job.seed)
-    trainer.load(job.start)
-    rows = trainer.train(job.until, report, before)
-    trainer.save(job.finish)
+    device = made_ready(params)
+    with placed(device.torch):
+        task = make_task(params.task, params.train.num_envs, seed_for(job.seed, "task"), device=device)
+        trainer = Trainer(task, reward_of(job, task, params), params.train, job.seed)
+        trainer.load(job.start)
+        rows = trainer.train(job.until, report, before)
+        trainer.save(job.finish)
     return Outcome([(row.epoch, row.series, row.value) for row in rows], "")
 
 
@@ -71,8 +76,13 @@ def reward_of(job: Job, task: Task, params: Params) -> Reward:
 
 def _goal(job: Job, params: Params) -> Goal:
     if params.candidate.goal == "generated":
-        return generated(Function(job.reward_program, "reward", params.numerics == "portable"))
+        return generated(Function(job.reward_program, "reward", _is_portable(params)))
     return human if params.candidate.goal == "human" else sparse
+
+
+def _is_portable(params: Params) -> bool:
+    """Whether operators are replaced whose bits depend on the processor; on a GPU their replacements cannot run."""
+    return params.numerics == "portable" and not Device(params.device).is_gpu
 
 
 def _scale(params: Params) -> Scale:
@@ -88,7 +98,7 @@ def _bonus(job: Job, task: Task, params: Params) -> Bonus:
     if params.candidate.bonus == "simhash":
         hashes = SimHash(task.NUM_OBSERVATIONS, exploration.simhash_bits, seed_for(job.seed, "simhash"))
         return SimHashBonus(hashes, _ledger(hashes.cells, params))
-    mapping = Function(job.mapping_program, "mapping", params.numerics == "portable")
+    mapping = Function(job.mapping_program, "mapping", _is_portable(params))
     space = ProgressSpace(mapping.rises, exploration.cells, exploration.discretiser)
     return MappingBonus(mapping, space, _ledger(space.cells, params))
 

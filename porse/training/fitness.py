@@ -2,6 +2,9 @@
 
 import math
 
+import torch
+from torch import Tensor
+
 from porse.tasks.base import Task
 
 
@@ -12,16 +15,16 @@ class EpochFitness:
     """
 
     def __init__(self) -> None:
-        self._values: list[float] = []
+        self._values: list[Tensor] = []
 
     def add(self, task: Task) -> None:
         """Adds the step that `task` has just done, before episodes that ended in it are reset."""
         if task.OVER_EPISODES:
             self._values.clear()
-        self._values.append(task.fitness())
+        self._values.append(task.mean_fitness())
 
     def take(self) -> float:
         """Returns the fitness of the steps so far, at least one, and starts a new epoch."""
-        values, self._values = self._values, []
+        values, self._values = torch.stack(self._values).tolist(), []
         # math.fsum refuses infinities of both signs. A fitness that is not finite fails the candidate, with its reason.
         return math.fsum(values) / len(values) if all(map(math.isfinite, values)) else math.nan

@@ -52,7 +52,8 @@ def build_ppo(observations: TensorDict, num_actions: int, params: TrainParams) -
     actor = _network(observations, "actor", num_actions, params, distribution)
     critic = _network(observations, "critic", 1, params, None)
     num_envs = observations.batch_size[0]
-    storage = RolloutStorage("rl", num_envs, params.steps_per_epoch, observations, [num_actions], "cpu")
+    device = str(observations["policy"].device)
+    storage = RolloutStorage("rl", num_envs, params.steps_per_epoch, observations, [num_actions], device)
     ppo = LeanPPO(
         actor,
         critic,
@@ -68,6 +69,7 @@ def build_ppo(observations: TensorDict, num_actions: int, params: TrainParams) -
         max_grad_norm=params.max_grad_norm,
         schedule="adaptive",
         desired_kl=params.desired_kl,
+        device=device,
     )
     parameters = chain(ppo.actor.parameters(), ppo.critic.parameters())
     ppo.optimizer = torch.optim.Adam(parameters, lr=params.learning_rate, fused=True)

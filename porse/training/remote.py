@@ -224,7 +224,7 @@ class _Training:
 
 def gpus_of(params: Params) -> int:
     """Returns how many GPUs a training has to itself: one where `device` names one."""
-    return int(is_on_gpu(getattr(params, "device", "cpu")))
+    return int(is_on_gpu(params.device))
 
 
 def is_on_gpu(device: str) -> bool:

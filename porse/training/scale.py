@@ -82,6 +82,8 @@ class ReturnScale:
 
     def _returns(self, stream: Tensor, ends: Tensor) -> Tensor:
         """Returns the discounted return up to each step, (steps, num_envs), and goes on from its end."""
+        if stream.device.type != "cpu":
+            return self._returns_there(stream, (~ends).double())
         # By NumPy: a step of few environments takes half of what torch takes, and the sums are the same.
         running, returns = self._return.numpy(), np.empty(stream.shape)
         for reward, goes_on, now in zip(stream.numpy(), (~ends).double().numpy(), returns, strict=True):
@@ -90,6 +92,14 @@ class ReturnScale:
             running = now * goes_on
         self._return = torch.from_numpy(running)
         return torch.from_numpy(returns)
+
+    def _returns_there(self, stream: Tensor, goes_on: Tensor) -> Tensor:
+        """Returns the same, computed on the stream's device."""
+        returns = torch.empty_like(stream)
+        for step in range(len(stream)):
+            returns[step] = self._return * self._gamma + stream[step]
+            self._return = returns[step] * goes_on[step]
+        return returns
 
     def _learn(self, returns: Tensor) -> None:
         """Joins the moments of an epoch's returns to those so far (Chan et al.)."""

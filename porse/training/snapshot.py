@@ -15,7 +15,7 @@ from porse.errors import CheckpointError
 
 def arrays(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, NDArray[np.generic]]:
     """Returns tensors as arrays below `prefix.`."""
-    return {f"{prefix}.{name}": value.detach().numpy() for name, value in tensors.items()}
+    return {f"{prefix}.{name}": value.detach().cpu().numpy() for name, value in tensors.items()}
 
 
 def tensors(checkpoint: Checkpoint, part: str) -> dict[str, Tensor]:

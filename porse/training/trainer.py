@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.config import TrainParams
@@ -50,6 +51,19 @@ def draw_policy(num_observations: int, num_actions: int, params: TrainParams, se
     return policy_checkpoint(policy_arrays(build_ppo(observations, num_actions, params)))
 
 
+def draws(device: torch.device) -> Tensor:
+    """Returns the state of the global generator that draws on a device."""
+    return torch.get_rng_state() if device.type == "cpu" else torch.cuda.get_rng_state(device)
+
+
+def set_draws(device: torch.device, state: Tensor) -> None:
+    """Goes on from what `draws` returned."""
+    if device.type == "cpu":
+        torch.set_rng_state(state)
+    else:
+        torch.cuda.set_rng_state(state, device)
+
+
 class Trainer:
     """One training: a task, a reward, PPO, and the epochs done so far.
 
@@ -85,8 +99,9 @@ class Trainer:
             load_optimizer(self._ppo, checkpoint)
             task, reward = self._env.task, self._env.reward
             task.load_state(same_names(tensors(checkpoint, "task"), task.state()))
-            reward.load_state(same_names(tensors(checkpoint, "reward"), reward.state()))
-            torch.set_rng_state(tensors(checkpoint, "ppo")["generator"])
+            paid = same_names(tensors(checkpoint, "reward"), reward.state())
+            reward.load_state({name: value.to(task.device) for name, value in paid.items()})
+            set_draws(task.device, tensors(checkpoint, "ppo")["generator"])
         except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"expected the state of a training of {self._env.task.NAME} in {path}, found another ({reason_of(error)}); delete it and run `dvc repro`"
@@ -96,7 +111,7 @@ class Trainer:
     def save(self, path: Path) -> None:
         """Writes a checkpoint to `path`."""
         content = {**policy_arrays(self._ppo), **optimizer_arrays(self._ppo)}
-        content |= arrays({"generator": torch.get_rng_state()}, "ppo")
+        content |= arrays({"generator": draws(self._env.task.device)}, "ppo")
         content |= arrays(self._env.task.state(), "task") | arrays(self._env.reward.state(), "reward")
         scalars = {"kind": "checkpoint", "epoch": self.epoch, "learning_rate": float(self._ppo.learning_rate)}
         write_checkpoint(path, Checkpoint(content, scalars))
@@ -125,6 +140,7 @@ class Trainer:
                 paid = self._pay()
                 self._ppo.finish(observations)
             # An update with numbers that are not finite would spoil the weights.
+            self._env.task.check()
             finite("its returns were", self._ppo.storage.returns)
             losses = self._ppo.update()
             finite("its losses were", torch.tensor(list(losses.values())))

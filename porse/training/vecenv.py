@@ -51,7 +51,8 @@ class TaskEnv:
         terminated, timed_out = self.task.terminated(), self.task.timed_out()
         self.means.add({"terminated": terminated})
         ends = terminated | timed_out
-        if bool(ends.any()):
-            self.lengths.add(self.task.progress[ends])
+        # Where a look at the mask would make the processor wait, it is renewed unseen.
+        if self.task.is_asynchronous or bool(ends.any()):
+            self.lengths.add(self.task.progress, ends)
             self.task.renew(ends)
         return self.task.observations(), ends, timed_out & ~terminated

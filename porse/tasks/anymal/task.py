@@ -87,7 +87,7 @@ class Anymal(WalkingTask):
 
     def _prepare(self) -> None:
         super()._prepare()
-        fastest = torch.full((self._physics.model.nv,), float("inf"), dtype=torch.float64)
+        fastest = torch.full((self._physics.model.nv,), float("inf"), dtype=self._physics.real)
         fastest[self._qvel_index] = FASTEST
         self._physics.fastest = fastest
         self.default_dof_pos = DEFAULT.repeat(self.num_envs, 1)
@@ -96,14 +96,14 @@ class Anymal(WalkingTask):
 
     def _start(self, ids: Tensor) -> None:
         n = len(ids)
-        angles = (DEFAULT * self._uniform(0.5, 1.5, n, 12)).double()
+        angles = (DEFAULT * self._uniform(0.5, 1.5, n, 12)).to(self._physics.real)
         self._physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles
         self._physics.ctrl[ids] = angles
-        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 12).double()
+        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 12).to(self._physics.real)
         self.commands[ids] = self._uniform(-1.0, 1.0, n, 3) * torch.tensor([2.0, 1.0, 1.0])
 
     def _act(self) -> None:
-        self._physics.ctrl[:] = (DEFAULT + ACTION_SCALE * self.actions).double()
+        self._physics.ctrl[:] = (DEFAULT + ACTION_SCALE * self.actions).to(self._physics.real)
 
     def _measure(self) -> None:
         read = self._physics.read
@@ -143,7 +143,11 @@ class Anymal(WalkingTask):
 
     def fitness(self) -> float:
         """Returns minus the mean of the squared velocity errors."""
-        return float(self.sparse_reward().mean())
+        return float(self.mean_fitness())
+
+    def mean_fitness(self) -> Tensor:
+        """Returns the same as a tensor."""
+        return self.sparse_reward().mean()
 
     def sparse_reward(self) -> Tensor:
         """Returns minus the squared velocity errors."""

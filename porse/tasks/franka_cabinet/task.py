@@ -120,8 +120,8 @@ class FrankaCabinet(SuccessTask):
     def _start(self, ids: Tensor) -> None:
         super()._start(ids)
         joints = (START + self._uniform(-START_NOISE, START_NOISE, len(ids), 9)).clamp(LOWER, UPPER).double()
-        self._physics.qpos[ids, :9] = joints
-        self._physics.ctrl[ids] = joints
+        self._physics.qpos[ids, :9] = joints.to(self._physics.real)
+        self._physics.ctrl[ids] = joints.to(self._physics.real)
         self._targets[ids] = joints
 
     def _act(self) -> None:
@@ -142,7 +142,7 @@ class FrankaCabinet(SuccessTask):
 
     def _name_measurements(self) -> None:
         """Sets the variables from the body states and the joints."""
-        qpos, qvel = self._physics.qpos.float(), self._physics.qvel.float()
+        qpos, qvel = self._physics.positions(), self._physics.velocities()
         self.franka_dof_pos, self.franka_dof_vel = qpos[:, :9], qvel[:, :9]
         self.cabinet_dof_pos, self.cabinet_dof_vel = qpos[:, self._drawers], qvel[:, self._drawers]
         states = self.rigid_body_states

@@ -69,7 +69,7 @@ class PairTask(TwoHandTask):
         for name, place in zip(("object", "object_another"), self.PLACES, strict=True):
             start = int(physics.model.joint(name).qposadr[0])
             position = torch.tensor(place) + self._uniform(-NOISE, NOISE, len(ids), 3)
-            physics.qpos[ids, start : start + 3] = position.double()
+            physics.qpos[ids, start : start + 3] = position.to(physics.real)
             physics.qpos[ids, start + 3 : start + 7] = turn
 
     def failed(self) -> Tensor:

@@ -125,9 +125,9 @@ class CatchTask(TwoHandTask):
         start = int(physics.model.joint("object").qposadr[0])
         position = torch.tensor(self.EGG_START) + self._uniform(-self.EGG_NOISE, self.EGG_NOISE, n, 3)
         orientation = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW]
-        physics.qpos[ids, start : start + 7] = torch.cat((position, orientation), dim=-1).double()
-        physics.mocap_pos[ids, 0] = torch.tensor(self.GOAL).double()
-        physics.mocap_quat[ids, 0] = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+        physics.qpos[ids, start : start + 7] = torch.cat((position, orientation), dim=-1).to(physics.real)
+        physics.mocap_pos[ids, 0] = torch.tensor(self.GOAL).to(physics.real)
+        physics.mocap_quat[ids, 0] = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].to(physics.real)
 
     def _name_measurements(self) -> None:
         self._name_body("object", "object")

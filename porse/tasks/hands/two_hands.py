@@ -153,11 +153,14 @@ class TwoHandTask(SuccessTask):
         )
         self._kept_share = kept_share(self.LINK_DAMPING, self.CONTROL_DT / self.SUBSTEPS)
         self._physics.kept = torch.tensor(
-            [self._kept_share if _is_of_a_hand(model, dof) else 1.0 for dof in range(model.nv)], dtype=torch.float64
+            [self._kept_share if _is_of_a_hand(model, dof) else 1.0 for dof in range(model.nv)],
+            dtype=self._physics.real,
         )
         heavy = [body for body in range(1, model.nbody) if _has_weight(model, body)]
         self._heavy = torch.tensor(heavy, dtype=torch.int64)
-        self._weights = torch.tensor([float(model.body_mass[body]) * _GRAVITY for body in heavy], dtype=torch.float64)
+        self._weights = torch.tensor(
+            [float(model.body_mass[body]) * _GRAVITY for body in heavy], dtype=self._physics.real
+        )
         self._forearms = torch.tensor([model.body(f"{side}/forearm").id for side in sides])
         sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
         starts = [int(model.sensor(name).adr[0]) for name in sensors]
@@ -172,7 +175,7 @@ class TwoHandTask(SuccessTask):
         u = self._uniform(-1.0, 1.0, n, HAND_JOINTS)
         noise = self.JOINT_NOISE * (self._lower + (self._upper - self._lower) * u)
         # The original's noise leaves the joint ranges, and its contact solver pushes the joints back at once.
-        angles = (self._default_joints() + noise).clamp(self._lower, self._upper).double()
+        angles = (self._default_joints() + noise).clamp(self._lower, self._upper).to(self._physics.real)
         physics = self._physics
         physics.force[ids.unsqueeze(-1), self._heavy, 2] = -self._weights
         physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.repeat(1, 2)
@@ -186,14 +189,14 @@ class TwoHandTask(SuccessTask):
     def _act(self) -> None:
         actions = self.actions
         if self.FREE:
-            push = actions.view(self.num_envs, 2, 26)[:, :, :6].double() * self.CONTROL_DT
+            push = actions.view(self.num_envs, 2, 26)[:, :, :6].to(self._physics.real) * self.CONTROL_DT
             push[:, :, :3] *= self.FORCE_SCALE * _LINEAR_GAIN
             push[:, :, 3:] *= self.TORQUE_SCALE * _ANGULAR_GAIN
             self._physics.force[:, self._forearms] = self._kept_share * push
         share = (actions.view(self.num_envs, 2, -1)[:, :, -20:] + 1.0) * 0.5
         lower, upper = self._lower[self._driven], self._upper[self._driven]
         targets = (lower + share * (upper - lower)).reshape(self.num_envs, -1)
-        self._physics.ctrl[:, self._control_index] = targets.double()
+        self._physics.ctrl[:, self._control_index] = targets.to(self._physics.real)
 
     def _measure(self) -> None:
         read = self._physics.read

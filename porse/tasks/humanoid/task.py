@@ -121,11 +121,11 @@ class Humanoid(WalkingTask):
     def _start(self, ids: Tensor) -> None:
         n = len(ids)
         angles = self._uniform(-0.2, 0.2, n, 21).clamp(self.dof_limits_lower[0], self.dof_limits_upper[0])
-        self._physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.double()
-        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 21).double()
+        self._physics.qpos[ids.unsqueeze(-1), self._qpos_index] = angles.to(self._physics.real)
+        self._physics.qvel[ids.unsqueeze(-1), self._qvel_index] = self._uniform(-0.1, 0.1, n, 21).to(self._physics.real)
 
     def _act(self) -> None:
-        self._physics.ctrl[:] = self.power_scale * self.actions.double()
+        self._physics.ctrl[:] = self.power_scale * self.actions.to(self._physics.real)
 
     def _measure(self) -> None:
         read = self._physics.read
@@ -190,7 +190,11 @@ class Humanoid(WalkingTask):
 
     def fitness(self) -> float:
         """Returns the mean progress (m/s) of the last step."""
-        return float(self.progress_speed().mean())
+        return float(self.mean_fitness())
+
+    def mean_fitness(self) -> Tensor:
+        """Returns the same as a tensor."""
+        return self.progress_speed().mean()
 
     def sparse_reward(self) -> Tensor:
         """Returns the progress (m/s) of the last step."""

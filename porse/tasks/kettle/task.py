@@ -10,6 +10,7 @@ import mujoco
 import torch
 from torch import Tensor
 
+from porse.sim.physics import Capacity
 from porse.tasks.hands import shadow
 from porse.tasks.hands.free_hands import Handle, handle_variables
 from porse.tasks.hands.handles import TableTask
@@ -37,6 +38,7 @@ class Kettle(TableTask):
         "below the bucket; the water itself does not count"
     )
     NUM_OBSERVATIONS = 417
+    CAPACITY = Capacity(contacts=128, rows=512)
     RIGHT = shadow.BasePose((0.55, 0.2, 0.6), (math.pi, 1.57, 1.57))
     LEFT = shadow.BasePose((0.55, -0.2, 0.6), (math.pi, -1.57, 1.57))
     OBJECT_BODIES = (

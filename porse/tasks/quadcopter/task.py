@@ -72,23 +72,23 @@ class Quadcopter(Task):
     def _start(self, ids: Tensor) -> None:
         n = len(ids)
         physics = self._physics
-        physics.qpos[ids, 0:2] = self._uniform(-1.5, 1.5, n, 2).double()
-        physics.qpos[ids, 2] = START_HEIGHT + self._uniform(-0.2, 1.5, n).double()
-        joints = self._uniform(-0.2, 0.2, n, 8).double()
+        physics.qpos[ids, 0:2] = self._uniform(-1.5, 1.5, n, 2).to(physics.real)
+        physics.qpos[ids, 2] = START_HEIGHT + self._uniform(-0.2, 1.5, n).to(physics.real)
+        joints = self._uniform(-0.2, 0.2, n, 8).to(physics.real)
         physics.qpos[ids, 7:] = joints
         physics.ctrl[ids, :8] = joints
 
     def _act(self) -> None:
         spin = self._physics.qvel[:, 3:6]
         spin *= (MAX_ANGULAR_VELOCITY / torch.norm(spin, dim=-1, keepdim=True)).clamp(max=1.0)
-        rate = self.actions.double() * self.CONTROL_DT
+        rate = self.actions.to(self._physics.real) * self.CONTROL_DT
         ctrl = self._physics.ctrl
         ctrl[:, :8] = (ctrl[:, :8] + TILT_RATE * rate[:, :8]).clamp(-TILT_LIMIT, TILT_LIMIT)
         ctrl[:, 8:] = (ctrl[:, 8:] + THRUST_RATE * rate[:, 8:]).clamp(0.0, MAX_THRUST)
 
     def _measure(self) -> None:
-        qpos = self._physics.qpos.float()
-        qvel = self._physics.qvel.float()
+        qpos = self._physics.positions()
+        qvel = self._physics.velocities()
         self.root_positions = qpos[:, 0:3]
         self.root_quats = qpos[:, [4, 5, 6, 3]]
         self.root_linvels = qvel[:, 0:3]
@@ -119,7 +119,11 @@ class Quadcopter(Task):
 
     def fitness(self) -> float:
         """Returns the mean of minus the distance (m) from the target."""
-        return -float(self.distance().mean())
+        return float(self.mean_fitness())
+
+    def mean_fitness(self) -> Tensor:
+        """Returns the same as a tensor."""
+        return -self.distance().mean()
 
     def sparse_reward(self) -> Tensor:
         """Returns minus the distance (m) from the target."""

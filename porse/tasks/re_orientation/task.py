@@ -59,21 +59,24 @@ class ReOrientation(PairTask):
         self._hit = torch.zeros(self.num_envs, dtype=torch.bool)
 
     def _place(self, ids: Tensor) -> None:
-        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].double()
+        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].to(self._physics.real)
         self._place_pair(ids, turn)
         self._hit[ids] = False
         self._new_goals(ids)
 
     def _new_goals(self, ids: Tensor) -> None:
         """Draws one goal orientation for both cubes."""
-        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].double()
+        turn = self.random_rotations(len(ids))[:, rotations.WXYZ_FROM_XYZW].to(self._physics.real)
         self._physics.mocap_quat[ids] = turn.unsqueeze(1).expand(-1, 2, -1)
 
     def _act(self) -> None:
         # The goal that was hit stays until the next action, so that rewards and variables of a step agree with it.
-        hit = self._hit.nonzero().squeeze(-1)
-        if len(hit):
-            self._new_goals(hit)
+        if self._physics.asynchronous:
+            self._for_some(self._new_goals, self._hit)
+        else:
+            hit = self._hit.nonzero().squeeze(-1)
+            if len(hit):
+                self._new_goals(hit)
         super()._act()
 
     def _name_measurements(self) -> None:
@@ -108,9 +111,10 @@ class ReOrientation(PairTask):
         self._hit = self.succeeded()
         self.successes = self.successes + self._hit
         finished = self._finished()
-        if finished.any():
-            mean = self.successes[finished].mean()
-            self.outcomes = AVERAGING * mean + (1.0 - AVERAGING) * self.outcomes
+        # Whole numbers: their sum is exact in any order.
+        mean = (self.successes * finished).sum() / finished.sum().clamp(min=1)
+        averaged = AVERAGING * mean + (1.0 - AVERAGING) * self.outcomes
+        self.outcomes = torch.where(finished.any(), averaged, self.outcomes)
 
     def human_reward(self) -> Tensor:
         """Returns -10 (d1 + d2) + 1 / (r1 + 0.1) + 1 / (r2 + 0.1) - 0.0002 sum of actions^2 + 500 on a hit."""

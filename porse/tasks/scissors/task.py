@@ -6,6 +6,7 @@ import mujoco
 import torch
 from torch import Tensor
 
+from porse.sim.physics import Capacity
 from porse.tasks.hands.free_hands import Handle, handle_variables
 from porse.tasks.hands.handles import TableTask, hand_lost
 from porse.tasks.hands.observations import free_hands, moving_body
@@ -28,6 +29,7 @@ class Scissors(TableTask):
     FITNESS = "the share of episodes in which the scissors once were open beyond -0.3 rad"
     NUM_OBSERVATIONS = 417
     EPISODE_LENGTH = TIME_LIMIT = 150
+    CAPACITY = Capacity(contacts=128, rows=512)
     OBJECT_BODIES = ("object", "link_1", "link_0", "goal", "table")
     HANDLES = (
         Handle("scissors_right_handle", "link_0", "the handle for the right hand", (0.2, 0.0, -0.1), hand="right"),

@@ -55,10 +55,10 @@ class TwoCatchUnderarm(PairTask, FreeHandTask):
     def _place(self, ids: Tensor) -> None:
         n = len(ids)
         physics = self._physics
-        turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
-        goal_turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].double()
+        turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].to(self._physics.real)
+        goal_turn = self.random_rotations(n)[:, rotations.WXYZ_FROM_XYZW].to(self._physics.real)
         self._place_pair(ids, turn)
-        physics.mocap_pos[ids] = torch.tensor(GOALS).double()
+        physics.mocap_pos[ids] = torch.tensor(GOALS).to(physics.real)
         physics.mocap_quat[ids] = goal_turn.unsqueeze(1).expand(-1, 2, -1)
 
     def compute_observations(self) -> Tensor:
