@@ -50,6 +50,7 @@ def _of(kind: Any) -> dict[str, Any]:
         properties = {field.name.rstrip("_"): _of(hints[field.name]) for field in dataclasses.fields(kind)}
         return {
             "type": "object",
+            "description": (kind.__doc__ or "").splitlines()[0],
             "properties": properties,
             "required": [*properties],
             "additionalProperties": False,

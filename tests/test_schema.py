@@ -31,6 +31,10 @@ def test_another_file_is_not_current(tmp_path, monkeypatch):
     assert (done.exit_code, "run `porse schema`" in done.output) == (1, True)
 
 
+def test_an_editor_can_say_what_a_section_is_about():
+    assert schema()["properties"]["fuse"]["description"] == "What an iteration hands to the next one."
+
+
 def test_the_committed_parameters_hold():
     assert holds(committed_params())
 
