@@ -13,6 +13,8 @@ from tiny import BIN, QUIET, committed_params, make_project
 
 def interrupted(command: list[str], folder: Path, awaited: str, root: Path) -> tuple[int, str]:
     """Returns exit code and output of a command whose process group is interrupted once it has said `awaited`."""
+    # A shell that starts these tests in the background has them ignore Ctrl-C, and a child would inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with subprocess.Popen(
         command,
         cwd=folder,
@@ -40,7 +42,7 @@ def test_an_interrupted_porse_run_says_that_it_does_not_go_on(root, tmp_path):
     command = [str(BIN / "porse"), "run", "--out", str(tmp_path / "out"), "--params", str(params)]
     code, said = interrupted(command, root, "iteration 1", root)
     assert code == 130
-    assert "stopped by Ctrl-C: `porse run` does not go on; remove the --out folder" in said
+    assert "stopped by Ctrl-C: `porse run` cannot continue; remove the --out folder" in said
     assert "Traceback" not in said
 
 

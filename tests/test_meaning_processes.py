@@ -141,7 +141,7 @@ def test_trainings_have_processes_of_their_own_unless_the_variable_says_inline(m
 @pytest.mark.parametrize("value", ["a", "k", "process", "zz"])
 def test_another_executor_is_refused_wherever_it_lies_in_the_alphabet(monkeypatch, value):
     monkeypatch.setenv(EXECUTOR_VARIABLE, value)
-    with pytest.raises(executor_module.ParamsError, match="to be local or inline"):
+    with pytest.raises(executor_module.ParamsError, match="to be local, inline or ray"):
         executor_from_environment()
 
 
@@ -569,14 +569,15 @@ def test_a_length_of_time_is_in_its_own_units(seconds, words):
 
 @pytest.mark.parametrize(
     ("candidates", "lines", "own"),
-    [(1, 40, False), (2, 40, True), (12, 40, True), (13, 40, False), (6, 10, True), (7, 10, False)],
+    [(1, 40, False), (2, 40, True), (12, 40, True), (13, 40, False), (5, 10, True), (6, 10, False)],
 )
 def test_each_of_a_few_candidates_has_a_bar_where_the_terminal_has_room(monkeypatch, candidates, lines, own):
     monkeypatch.setenv("LINES", str(lines))
-    bars = bar_module._Bars("rung", candidates, 9)
+    bars = bar_module._Bars("[3/9]", 40, 4, "rung", candidates, 9)
     for fitness in (-0.5, -0.2, -0.9):
-        bars.advance("a", "said", fitness)
-    rung, *each = bars._progress.tasks
+        bars.advance("a", "said", "left", fitness)
+    run, rung, *each = bars._progress.tasks
+    assert (run.description, run.total, run.completed, run.fields["said"]) == ("[3/9]", 40, 7, "left")
     assert (rung.description, rung.total, rung.completed, rung.fields["said"]) == ("rung", 9, 3, "said")
     assert [(bar.description, bar.total, bar.completed, bar.fields["said"]) for bar in each] == (
         [("  a", 9 / candidates, 3, "best fitness -0.200")] if own else []

@@ -273,6 +273,7 @@ def test_a_cluster_has_as_many_entries_as_it_has_room_for_each_in_a_clone_of_its
     monkeypatch.setattr(suite_run, "new_clone", lambda work, root: work.mkdir(parents=True))
     monkeypatch.setattr(suite_run, "fill_clone", lambda *arguments: None)
     monkeypatch.setattr(suite_run, "_reproduce", reproduce)
+    monkeypatch.setattr("porse.suite.status.read_figures", lambda result: {})
     said: list[str] = []
     # 13 CPUs are room for two entries of six candidates.
     assert suite_run.run_suite(suite, project, "a.yaml", said.append) == ["Quadcopter-porse-2"]

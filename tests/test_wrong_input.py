@@ -97,7 +97,7 @@ def test_a_file_where_a_folder_belongs_ends_in_a_sentence(tmp_path):
     (tmp_path / "results").touch()
     done = porse("results", str(tmp_path))
     assert done.exit_code == 1
-    assert f"at {tmp_path / 'results' / 'iterations.parquet'}, found an unreadable file" in done.output
+    assert f"at {tmp_path / 'results' / 'iterations.parquet'}, found no such file" in done.output
 
 
 def run_of(folder, parameters):
@@ -290,7 +290,7 @@ def test_dvc_repro_says_what_is_wrong_with_a_method_or_with_memory_before_any_ot
     ("variable", "value", "said"),
     [
         ("PORSE_PROGRESS", "loud", "to be one of auto, quiet, json, found 'loud' in the environment"),
-        ("PORSE_EXECUTOR", "cloud", "to be local or inline, found 'cloud' in the environment"),
+        ("PORSE_EXECUTOR", "cloud", "to be local, inline or ray, found 'cloud' in the environment"),
         ("PORSE_WORKERS", "0", "to be a whole number from 1 to 999999999, found '0'"),
         ("PORSE_TENSORBOARD", "params.yaml/events", "where params.yaml is a file; set or unset it"),
     ],

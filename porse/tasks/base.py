@@ -86,7 +86,10 @@ class Task(ABC):
     OVER_EPISODES: ClassVar[bool] = False
 
     def __init_subclass__(cls, **named: Any) -> None:
-        """Lets a class that only says what `fitness` is have it in `mean_fitness`, too, whatever the classes above it say."""
+        """Lets a class that only says what `fitness` is have it in `mean_fitness`, too, whatever the classes above it say.
+
+        So a class that says both asks for its own `mean_fitness` by name in `fitness`: a class below it may call that one.
+        """
         super().__init_subclass__(**named)
         if "fitness" in vars(cls) and "mean_fitness" not in vars(cls):
             cls.mean_fitness = Task.mean_fitness  # type: ignore[method-assign]

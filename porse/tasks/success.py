@@ -62,7 +62,7 @@ class SuccessTask(Task):
 
     def fitness(self) -> float:
         """Returns the mean outcome of the episodes."""
-        return float(self.mean_fitness())
+        return float(SuccessTask.mean_fitness(self))
 
     def mean_fitness(self) -> Tensor:
         """Returns the same as a tensor."""

@@ -143,7 +143,7 @@ class Anymal(WalkingTask):
 
     def fitness(self) -> float:
         """Returns minus the mean of the squared velocity errors."""
-        return float(self.mean_fitness())
+        return float(Anymal.mean_fitness(self))
 
     def mean_fitness(self) -> Tensor:
         """Returns the same as a tensor."""

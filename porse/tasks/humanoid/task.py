@@ -190,7 +190,7 @@ class Humanoid(WalkingTask):
 
     def fitness(self) -> float:
         """Returns the mean progress (m/s) of the last step."""
-        return float(self.mean_fitness())
+        return float(Humanoid.mean_fitness(self))
 
     def mean_fitness(self) -> Tensor:
         """Returns the same as a tensor."""

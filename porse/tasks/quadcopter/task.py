@@ -119,7 +119,7 @@ class Quadcopter(Task):
 
     def fitness(self) -> float:
         """Returns the mean of minus the distance (m) from the target."""
-        return float(self.mean_fitness())
+        return float(Quadcopter.mean_fitness(self))
 
     def mean_fitness(self) -> Tensor:
         """Returns the same as a tensor."""
