@@ -343,3 +343,19 @@ def test_what_a_training_leaves_is_a_checkpoint_of_its_last_epoch(small, start, 
     one = job("one", start, tmp_path / "out")
     Remote(LIMITS, 600, Threads().open).run([one], small, lambda event: None)
     assert read_checkpoint(one.finish).scalars["epoch"] == UNTIL
+
+
+def test_a_folder_that_leaves_no_room_for_rays_sockets_is_refused_and_not_left_behind(tmp_path, monkeypatch):
+    class Never:
+        def shutdown(self):
+            pass
+
+    long = tmp_path / ("a" * 40)
+    long.mkdir()
+    monkeypatch.setenv("RAY_TMPDIR", str(long))
+    with (
+        pytest.raises(ParamsError, match="at most 42 bytes, .* set RAY_TMPDIR to a short path"),
+        cluster._started(Never()),
+    ):
+        pytest.fail("it started")
+    assert list(long.iterdir()) == []

@@ -40,6 +40,9 @@ QUIET = {
     "RAY_worker_niceness": "0",
 }
 """Settings of Ray that hold where the environment does not say otherwise."""
+_LONGEST_FOLDER = 42
+"""Bytes of a path that leave room for the names of Ray's sockets below it: the system takes 107 in all."""
+
 _STORE_BYTES = 100 * 2**20
 """Ray's memory for what tasks hand each other, on a machine of our own: orders and answers, some hundred kilobytes each."""
 
@@ -149,9 +152,18 @@ def _connected(ray: Any) -> Iterator[None]:
 
 @contextmanager
 def _started(ray: Any) -> Iterator[None]:
-    """Starts Ray on this machine, with a folder that is taken away at the end, and ends it."""
+    """Starts Ray on this machine, with a folder that is taken away at the end, and ends it.
+
+    Raises:
+        ParamsError: the folder's path is too long for the sockets that Ray makes in it.
+    """
     folder = tempfile.mkdtemp(prefix="porse-ray-", dir=os.environ.get(FOLDER_VARIABLE) or None)
     try:
+        if len(os.fsencode(folder)) > _LONGEST_FOLDER:
+            raise ParamsError(
+                f"expected a folder for Ray of at most {_LONGEST_FOLDER} bytes, since sockets lie in it, found {folder}; "
+                f"set {FOLDER_VARIABLE} to a short path, such as /tmp"
+            )
         with _environment({**machine_environment(os.environ), **_rays_own(os.environ)}):
             ray.init(
                 address="local",
