@@ -354,7 +354,7 @@ def test_a_folder_that_leaves_no_room_for_rays_sockets_is_refused_and_not_left_b
     long.mkdir()
     monkeypatch.setenv("RAY_TMPDIR", str(long))
     with (
-        pytest.raises(ParamsError, match="at most 42 bytes, .* set RAY_TMPDIR to a short path"),
+        pytest.raises(ParamsError, match=r"at most 42 bytes, .* set RAY_TMPDIR to a short path"),
         cluster._started(Never()),
     ):
         pytest.fail("it started")
