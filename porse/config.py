@@ -6,12 +6,12 @@ Layers, from the bottom: the preset, which gives what is null; the file's own va
 
 import copy
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from porse.conversion import Fraction, NonNegative, Positive, Range, convert, convert_part, wrong
+from porse.conversion import CONFIG, Fraction, NonNegative, Positive, Range, Some, convert, convert_part, wrong
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import origins, overridden
@@ -150,7 +150,7 @@ class TrainParams(Section):
     length: Literal["iteration", "lineage", "budget"]
     num_envs: Annotated[int, Range(2, 2**17)]
     steps_per_epoch: Annotated[int, Range(1, 2**17)]
-    hidden: Sequence[Annotated[int, Range(1, 2**13)]]
+    hidden: Some[Annotated[int, Range(1, 2**13)]]
     activation: Literal["elu", "relu", "tanh"]
     init_std: Annotated[float, Range(1e-3)]
     normalise_observations: bool
@@ -195,7 +195,7 @@ class MutateParams(Section):
 
     pool: str
     mutants: Few
-    vary: Sequence[Literal["beta", "alpha", "draw"]]
+    vary: Some[Literal["beta", "alpha", "draw"]]
     inertia: NonNegative
     cognitive: NonNegative
     social: NonNegative
@@ -268,6 +268,8 @@ class Rung:
 class Params(Section):
     """All of `params.yaml`."""
 
+    __pydantic_config__ = CONFIG
+
     task: str
     size: Literal["cpu", "paper"]
     method: str
@@ -290,8 +292,8 @@ class Params(Section):
     fuse: FuseParams
     evaluate: EvaluateParams
     summarise: SummariseParams
-    iterations: Sequence[Iteration]
-    rungs: Sequence[Rung]
+    iterations: Some[Iteration]
+    rungs: Some[Rung]
 
     def with_seed(self, seed: int) -> "Params":
         """Returns the same parameters with another seed; what is not there stays away."""

@@ -1,23 +1,58 @@
-"""A parsed YAML document as frozen dataclasses: types and ranges checked, and no default anywhere.
+"""A parsed YAML document as frozen dataclasses, by pydantic: types and ranges checked, and no default anywhere.
 
 A missing, unknown, mistyped or out-of-range value is a `ParamsError` that names it.
 """
 
 import dataclasses
 import difflib
+import functools
+import json
 import math
+import operator
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import MinLen
 
 from porse.errors import ParamsError
+
+if TYPE_CHECKING:
+    from pydantic import ConfigDict, TypeAdapter
 
 _SHOWN = 200
 """Characters of a wrong value that an error repeats."""
 
 LARGEST = 1e9
 """No parameter is larger, so that a slip of the keyboard is found before it becomes an overflow."""
+
+CONFIG: "ConfigDict" = {
+    "strict": True,
+    "extra": "forbid",
+    "allow_inf_nan": False,
+    # `lambda` is a word of Python's; in params.yaml it is the paper's letter.
+    "alias_generator": lambda name: name.rstrip("_"),
+}
+"""How pydantic reads a document's dataclass, and those in it."""
+
+_UNKNOWN, _MISSING = "unexpected_keyword_argument", "missing"
+
+_EXPECTED = {
+    "bool_type": "a value of type bool",
+    "int_type": "a value of type int",
+    "float_type": "a value of type float",
+    "string_type": "a value of type str",
+    "finite_number": f"a finite number of at most {LARGEST:g}",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "too_short": "a list with at least one entry",
+    "dict_type": "a value of type dict",
+    "dataclass_type": "a mapping",
+    "literal_error": "one of {expected}",
+    "value_error": "{error}",
+}
+"""What is expected, by the type of pydantic's error, of which the words in braces are."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +62,29 @@ class Range:
     low: float
     high: float = LARGEST
 
+    def __get_pydantic_core_schema__(self, kind: Any, handler: Any) -> Any:
+        """Returns the check; an error of pydantic's own names one bound."""
+        # Imported here and below: a command that reads no parameters does without it.
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(self._check, handler(kind))
+
+    def __get_pydantic_json_schema__(self, kind: Any, handler: Any) -> dict[str, Any]:
+        """Returns a number's JSON Schema with the bounds."""
+        return {**handler(kind), "minimum": self.low, "maximum": self.high}
+
+    def _check(self, number: float) -> float:
+        if not self.low <= number <= self.high:
+            raise ValueError(f"a number in [{self.low:g}, {self.high:g}]")
+        return number
+
 
 Positive = Annotated[int, Range(1)]
 Fraction = Annotated[float, Range(0.0, 1.0)]
 NonNegative = Annotated[float, Range(0.0)]
+
+_Item = typing.TypeVar("_Item")
+Some = Annotated[tuple[_Item, ...], MinLen(1)]
 
 
 def convert(value: Any, kind: Any, name: str, where: str) -> Any:
@@ -38,92 +92,74 @@ def convert(value: Any, kind: Any, name: str, where: str) -> Any:
 
     Args:
         value: what the document holds.
-        kind: a dataclass, `Annotated` number, `Literal`, `Sequence` (at least one entry), `tuple` (any number of entries),
-            `Mapping`, `Any` (whatever JSON can hold), or plain type; or one of these `| None`.
+        kind: a dataclass with `CONFIG`, or another type that pydantic knows.
         name: the value's dotted name; empty for the document.
         where: names the document in errors.
 
     Raises:
         ParamsError: a value is missing, unknown, mistyped or out of range.
     """
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if type(None) in arguments and origin is not Literal:
-        kinds = [other for other in arguments if other is not type(None)]
-        return None if value is None else convert(value, kinds[0], name, where)
-    if origin is Annotated:
-        number, bounds = convert(value, arguments[0], name, where), arguments[1]
-        if not bounds.low <= number <= bounds.high:
-            raise ParamsError(wrong(name, f"a number in [{bounds.low:g}, {bounds.high:g}]", value, where))
-        return number
-    if dataclasses.is_dataclass(kind):
-        return _convert_section(value, typing.cast(type, kind), name, where)
-    if origin is Literal:
-        if value not in arguments:
-            raise ParamsError(wrong(name, f"one of {', '.join(map(str, arguments))}", value, where))
-        return value
-    if origin in (Sequence, tuple):
-        if not isinstance(value, list) or (origin is Sequence and not value):
-            expected = "a list with at least one entry" if origin is Sequence else "a list"
-            raise ParamsError(wrong(name, expected, value, where))
-        return tuple(convert(item, arguments[0], f"{name}[{index}]", where) for index, item in enumerate(value))
-    if origin is Mapping:
-        if not isinstance(value, dict):
-            raise ParamsError(wrong(name, "a mapping", value, where))
-        return {str(key): convert(item, arguments[1], f"{name}.{key}", where) for key, item in value.items()}
-    return _convert_json(value, name, where) if kind is Any else _convert_scalar(value, kind, name, where)
+    from pydantic import ValidationError
+
+    _check_json(value, name, where)
+    try:
+        # As JSON: of Python's values, a strict type reads no list as a tuple, and no mapping as a dataclass.
+        return _reader(kind).validate_json(json.dumps(value))
+    except ValidationError as error:
+        raise ParamsError(_sentence(error.errors(), value, name, where)) from None
 
 
-def _convert_json(value: Any, name: str, where: str) -> Any:
-    """Returns a value of any form that JSON can hold; a date is none, nor is a key that is no text."""
-    if isinstance(value, list):
-        return [_convert_json(item, f"{name}[{index}]", where) for index, item in enumerate(value)]
-    if isinstance(value, dict):
-        if not all(isinstance(key, str) for key in value):
-            raise ParamsError(wrong(name, "a mapping with texts as keys", value, where))
-        return {key: _convert_json(item, f"{name}.{key}", where) for key, item in value.items()}
-    if value is None:
-        return None
-    return _convert_scalar(value, bool | int | float | str, name, where)
+@functools.cache
+def _reader(kind: Any) -> "TypeAdapter":
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind, config=None if dataclasses.is_dataclass(kind) else CONFIG)
 
 
-def _convert_scalar(value: Any, kind: Any, name: str, where: str) -> Any:
-    """Returns a bool, int, float or str of the wanted type; an int is a fine float, a bool is no int."""
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        try:
-            value = float(value)
-        except OverflowError:
-            raise ParamsError(wrong(name, f"a number of at most {LARGEST:g}", value, where)) from None
-    allowed = typing.get_args(kind) or (kind,)
-    if not isinstance(value, allowed) or (isinstance(value, bool) and bool not in allowed):
-        expected = " or ".join(option.__name__ for option in allowed)
-        raise ParamsError(wrong(name, f"a value of type {expected}", value, where))
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ParamsError(wrong(name, "a finite number", value, where))
-    return value
+def _check_json(value: Any, name: str, where: str) -> None:
+    """Raises a ParamsError for what JSON cannot hold: a date, a key that is no text, a number that is none."""
+    expected = ""
+    if isinstance(value, dict) and not all(isinstance(key, str) for key in value):
+        expected = "a mapping with texts as keys"
+    elif isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            _check_json(item, _dotted(name, [key]), where)
+    elif isinstance(value, float) and not math.isfinite(value):
+        expected = _EXPECTED["finite_number"]
+    elif not isinstance(value, bool | int | float | str | None):
+        expected = "a value of a type that JSON has"
+    if expected:
+        raise ParamsError(wrong(name or "the document", expected, value, where))
 
 
-def _convert_section(value: Any, section: type, name: str, where: str) -> Any:
-    """Returns a dataclass from a mapping that has exactly its fields."""
-    if not isinstance(value, dict):
-        raise ParamsError(wrong(name or "the document", "a mapping", value, where))
-    # `lambda` is a word of Python's; in params.yaml it is the paper's letter.
-    fields = {field.name.rstrip("_"): field for field in dataclasses.fields(section)}
-    prefix = f"{name}." if name else ""
-    for key in value:
-        if key not in fields:
-            near = difflib.get_close_matches(str(key), list(fields), n=1)
-            hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(fields)}"
-            raise ParamsError(f"expected only known parameters in {where}, found {prefix}{key}; {hint}")
-    for key in fields:
-        if key not in value:
-            raise ParamsError(
-                f"expected the parameter {prefix}{key} in {where}, found none; add it, Python has no defaults"
-            )
-    hints = typing.get_type_hints(section, include_extras=True)
-    converted = {
-        field.name: convert(value[key], hints[field.name], f"{prefix}{key}", where) for key, field in fields.items()
-    }
-    return section(**converted)
+def _sentence(errors: Sequence[Any], value: Any, name: str, where: str) -> str:
+    """Returns the text of that one of pydantic's errors which is to be corrected first: an unknown key, then a missing one."""
+    error = min(errors, key=lambda error: (error["type"] != _UNKNOWN, error["type"] != _MISSING))
+    *path, last = error["loc"] or ("",)
+    beside = {other["loc"][-1]: other["type"] for other in errors if other["loc"] and [*other["loc"][:-1]] == path}
+    prefix = _dotted(name, [*path, ""]).lstrip(".")
+    if error["type"] == _MISSING:
+        return f"expected the parameter {prefix}{last} in {where}, found none; add it, Python has no defaults"
+    if error["type"] == _UNKNOWN:
+        # No field has a default: each is there, or missed.
+        known = [key for key in functools.reduce(operator.getitem, path, value) if beside.get(key) != _UNKNOWN]
+        known += [key for key, kind in beside.items() if kind == _MISSING]
+        near = difflib.get_close_matches(last, known, n=1)
+        hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(known)}"
+        return f"expected only known parameters in {where}, found {prefix}{last}; {hint}"
+    if last in ("int", "str"):
+        # The kinds of a union have an error each, below the place of the value.
+        expected = f"a value of type {' or '.join(beside)}"
+    else:
+        path = [*error["loc"]]
+        expected = _EXPECTED.get(error["type"], error["msg"]).format(**error.get("ctx", {}))
+    return wrong(_dotted(name, path) or "the document", expected, error["input"], where)
+
+
+def _dotted(name: str, path: Sequence[str | int]) -> str:
+    """Returns the dotted name of what is at a path below a name."""
+    dotted = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    return f"{name}{dotted}" if name else dotted.removeprefix(".")
 
 
 def convert_part(value: Mapping[str, Any], section: type, name: str, where: str, open_class: type) -> Any:

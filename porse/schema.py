@@ -4,12 +4,9 @@ It is made from the dataclasses that the file is read into (`porse.config`): one
 parameters mean together, only the commands check.
 """
 
-import dataclasses
 import json
-import typing
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import click
 
@@ -21,56 +18,27 @@ from porse.presets import GIVEN
 FILE = "params.schema.json"
 """Beside `params.yaml`, whose first line names it."""
 
-_SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
-
 
 def schema() -> dict[str, Any]:
     """Returns the schema of `params.yaml`."""
-    document = _of(Params)
+    # Imported here: `porse --help` names this command, too.
+    from pydantic import TypeAdapter
+    from pydantic.json_schema import GenerateJsonSchema
+
+    document = TypeAdapter(Params).json_schema()
     document["properties"]["method"] = {"enum": [*METHODS]}
     document["properties"]["ablation"] = {"enum": [*ABLATIONS]}
     for section, keys in GIVEN.items():
-        properties = document["properties"][section]["properties"]
+        properties = document["$defs"][f"{section.title()}Params"]["properties"]
         for key in keys:
             # Null leaves the value to the preset.
             properties[key] = {"anyOf": [properties[key], {"type": "null"}]}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "PoRSE's params.yaml", **document}
+    return {"$schema": GenerateJsonSchema.schema_dialect, **document, "title": "PoRSE's params.yaml"}
 
 
 def rendered() -> str:
     """Returns the text of the file."""
     return json.dumps(schema(), indent=1) + "\n"
-
-
-def _of(kind: Any) -> dict[str, Any]:
-    """Returns the schema of an annotated type, of the kinds that `porse.conversion.convert` knows."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if dataclasses.is_dataclass(kind):
-        hints = typing.get_type_hints(kind, include_extras=True)
-        properties = {field.name.rstrip("_"): _of(hints[field.name]) for field in dataclasses.fields(kind)}
-        return {
-            "type": "object",
-            "description": (kind.__doc__ or "").splitlines()[0],
-            "properties": properties,
-            "required": [*properties],
-            "additionalProperties": False,
-        }
-    if origin is Annotated:
-        number, bounds = _of(arguments[0]), arguments[1]
-        return {**number, "minimum": bounds.low, "maximum": bounds.high}
-    if origin is Literal:
-        return {"enum": [*arguments]}
-    if origin in (Sequence, tuple):
-        return {"type": "array", "items": _of(arguments[0]), **({"minItems": 1} if origin is Sequence else {})}
-    if origin is Mapping:
-        return {"type": "object", "additionalProperties": _of(arguments[1])}
-    if kind is Any:
-        return {}
-    if kind is type(None):
-        return {"type": "null"}
-    if kind in _SCALARS:
-        return {"type": _SCALARS[kind]}
-    return {"anyOf": [_of(other) for other in arguments]}
 
 
 @click.command("schema")

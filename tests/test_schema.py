@@ -32,7 +32,9 @@ def test_another_file_is_not_current(tmp_path, monkeypatch):
 
 
 def test_an_editor_can_say_what_a_section_is_about():
-    assert schema()["properties"]["fuse"]["description"] == "What an iteration hands to the next one."
+    document = schema()
+    assert document["properties"]["fuse"] == {"$ref": "#/$defs/FuseParams"}
+    assert document["$defs"]["FuseParams"]["description"] == "What an iteration hands to the next one."
 
 
 def test_the_committed_parameters_hold():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from porse.conversion import Range, convert, wrong
+from porse.conversion import CONFIG, Range, Some, convert, wrong
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import ABLATIONS, METHODS
@@ -30,6 +30,8 @@ class Entry:
         variant: name of the variant that its overrides come from, empty for none.
         overrides: laid over `params.yaml`, after the overrides of the suite.
     """
+
+    __pydantic_config__ = CONFIG
 
     task: str
     method: str
@@ -65,12 +67,14 @@ class Suite:
 class _File:
     """A suite's file: lists that are combined, and further entries."""
 
+    __pydantic_config__ = CONFIG
+
     name: str
-    tasks: Sequence[str]
-    methods: Sequence[str]
-    ablations: Sequence[str]
+    tasks: Some[str]
+    methods: Some[str]
+    ablations: Some[str]
     variants: dict
-    seeds: Sequence[Seed]
+    seeds: Some[Seed]
     overrides: dict
     entries: list
 
