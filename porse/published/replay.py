@@ -152,16 +152,8 @@ def replay(
     changed = changed_inputs(folder / INPUTS, scratch / INPUTS, [stage.kind for stage in plan.computed])
     compared = [(stage, now[stage.name]) for stage in plan.computed if stage.name in now and stage.name != RESOLVE]
     differ = tuple(path for stage, own in compared for path, md5 in stage.outs.items() if own.outs.get(path) != md5)
-    # A stage that read what differs already cannot be the first; stages are in their order.
-    first = next(
-        (
-            stage
-            for stage, _ in compared
-            if any(path in differ for path in stage.outs)
-            and not any(overlaps(d, dep) for d in differ for dep in stage.read)
-        ),
-        None,
-    )
+    # Stages are in their order: the first with a difference has read none.
+    first = next((stage for stage, _ in compared if any(path in differ for path in stage.outs)), None)
     return Replay(
         plan,
         sum(len(stage.outs) for stage, _ in compared),
