@@ -45,7 +45,7 @@ from porse.published.manifest import (
 )
 from porse.published.replay import drawn, names_of, replay
 from test_pipeline import Endpoint, git, tiny_params
-from tiny import BIN, QUIET, dvc, make_project
+from tiny import BIN, QUIET, ROOT, dvc, make_project
 from warm_stages import warm_stages
 
 
@@ -93,6 +93,10 @@ def project(tmp_path_factory, warm) -> Path:
     project = make_project(tmp_path_factory.mktemp("published") / "project", params, warm)
     with served(Asked) as url:
         dvc(project, "repro", PORSE_LLM_MODE="record", PORSE_LLM_BASE_URL=f"{url}/v1", PORSE_LLM_CONCURRENCY="1")
+    # A reply that another run read.
+    other = min((ROOT / "llm_cache").glob("??/*.json")).relative_to(ROOT)
+    (project / other).parent.mkdir(exist_ok=True)
+    shutil.copy(ROOT / other, project / other)
     git(project, "add", "-A")
     git(project, "commit", "-qm", "a run")
     (project / "words.md").write_text("It hovers badly, and is <b>small</b>.")
@@ -157,6 +161,7 @@ def test_it_has_the_replies_that_its_tables_name_and_no_others(project):
     kept = {path.stem for path in (project / "published" / "tiny" / "llm_cache").glob("??/*.json")}
     assert kept == {row["key"] for row in rows}
     assert len(kept) == 8
+    assert len([*(project / "llm_cache").glob("??/*.json")]) == 9
 
 
 def test_the_card_says_what_it_is_in_its_authors_words_and_from_its_data(project):
@@ -481,7 +486,6 @@ def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project
         ("params.yaml", "[" * 50_000),
         ("inputs/fuse.json", "[" * 100_000),
         ("logs/environment.json", '{"cpu": {"a": 1}}'),
-        ("presets/Quadcopter.yaml", "x" * (3 * 2**20)),
         ("run/result/start/policies/best.safetensors", "\x08"),
         ("run/result/start/winner.parquet", "PAR1"),
     ],
@@ -489,6 +493,12 @@ def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project
 def test_texts_that_are_no_such_texts_are_refused_by_name(tiny_run, project, name, text):
     (tiny_run / name).write_text(text)
     assert name in refusal(tiny_run, project)
+
+
+def test_a_text_beyond_its_bound_is_refused_by_name_whatever_it_says(tiny_run, project):
+    path = tiny_run / "presets" / "Quadcopter.yaml"
+    path.write_text(f"{path.read_text()}\n{'#' * check.MOST_TEXT_BYTES}\n")
+    assert f"expected at most {check.MOST_TEXT_BYTES} bytes at {path}" in refusal(tiny_run, project)
 
 
 def test_a_table_that_unpacks_to_more_than_its_share_is_refused_by_name(tiny_run, project):
@@ -501,9 +511,11 @@ def test_a_table_that_unpacks_to_more_than_its_share_is_refused_by_name(tiny_run
         for field in schema
     }
     columns["text"] = pa.DictionaryArray.from_arrays(pa.array([0] * rows, pa.int32()), pa.array(["x" * 2**20]))
-    pq.write_table(pa.table(columns), path, compression="zstd")
+    # Without Arrow's own schema, which would say dictionary: the column reads as the text that the declaration names.
+    pq.write_table(pa.table(columns), path, compression="zstd", store_schema=False)
     assert path.stat().st_size < 2**17
     found = refusal(tiny_run, project, memory_mib=700)
+    assert "a file that is read within 700 MiB" in found
     assert "results/replies.parquet" in found
 
 
@@ -655,7 +667,6 @@ def test_the_first_difference_comes_with_its_files_and_its_likely_cause(inside):
 
 
 def test_a_question_that_has_changed_fails_by_the_stages_name_and_names_the_prompt(inside):
-    path = next(Path("prompts").glob("*.jinja"))
     originals = {each: each.read_text() for each in Path("prompts").glob("*.jinja")}
     try:
         for each, text in originals.items():
@@ -666,8 +677,10 @@ def test_a_question_that_has_changed_fails_by_the_stages_name_and_names_the_prom
             each.write_text(text)
     assert done.exit_code == 1
     assert "failed: 1/generate: Expected" in done.stdout
-    assert "inputs of generate are not those of the run" in done.stdout
-    assert f"prompts/{path.name.split('/')[0]}".split(".")[0][:8] in done.stdout
+    assert (
+        "inputs of generate are not those of the run: 15 files (prompts/about.jinja, prompts/alpha-system.jinja, "
+        "prompts/alpha-task.jinja, prompts/beta-system.jinja, prompts/beta-task.jinja and 10 more)"
+    ) in done.stdout
 
 
 def test_a_stage_that_is_none_is_a_sentence(inside):

@@ -20,7 +20,7 @@ from porse.llm.store import REFRESHED
 from porse.llm.verify import verify
 from porse.processes import die_with_parent, limit_memory
 from porse.published.inputs import parse_inputs
-from porse.published.locks import Stage, check_pipeline_of, digest, is_output, read_locks
+from porse.published.locks import INPUTS, RESOLVE, Stage, check_pipeline_of, digest, is_output, read_locks
 from porse.published.manifest import refused
 from porse.report.results import read_results
 from porse.tables import Table
@@ -173,13 +173,13 @@ def _check_agreement(folder: Path, stages: list[Stage], at: Callable[[str], None
     """Checks that what was published is what the locks name; a folder of which a part was left out cannot be compared."""
     at("params.yaml")
     named = {path: md5 for stage in stages for path, md5 in stage.outs.items()}
-    read = {path: md5 for stage in stages if stage.name == "resolve" for path, md5 in stage.deps.items()}
+    read = {path: md5 for stage in stages if stage.name == RESOLVE for path, md5 in stage.deps.items()}
     for path in ("params.yaml", f"{REPLIES}/{REFRESHED}"):
         if path in read and (folder / path).is_file() and digest(folder / path) != read[path]:
             raise refused(str(folder / path), "the file that the run read, by its lock", "another one")
     for path, md5 in named.items():
         at(path)
-        whole = path in ("metrics.json", "results") or path.startswith("inputs/")
+        whole = path in ("metrics.json", "results") or path.startswith(f"{INPUTS}/")
         if whole and (folder / path).exists() and not is_output(folder / path, md5):
             raise refused(str(folder / path), "what the lock names", "something else")
     for start in sorted(folder.glob("run/*/start")):

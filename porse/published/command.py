@@ -4,11 +4,10 @@ import copy
 import functools
 import json
 import secrets
-import subprocess
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from random import Random
@@ -18,6 +17,7 @@ import click
 from click.core import ParameterSource
 
 from porse import show as shows
+from porse.config import Params
 from porse.errors import PorseError
 from porse.published.causes import named
 from porse.published.check import check_content, read_params
@@ -27,7 +27,7 @@ from porse.published.manifest import FOLDER, OUTPUTS, OUTPUTS_FILE, read_manifes
 from porse.published.replay import Replay, drawn, names_of, replay
 from porse.report.results import read_figures
 from porse.search.schedule import total_epochs
-from porse.suite.clone import DVC
+from porse.suite.clone import dvc_cache
 
 ROOT = Path()
 
@@ -98,7 +98,7 @@ def _row(folder: Path) -> dict[str, Any]:
     }
 
 
-def _params(folder: Path) -> Any:
+def _params(folder: Path) -> Params:
     """Returns the parameters of a run that this project publishes: what is in the project is trusted as the project is."""
     return read_params(folder, trust=True)
 
@@ -226,7 +226,7 @@ def chosen(folders: Sequence[Path], seed: int | None) -> str | None:
     return Random(seed).choice(ordered[1:]).name
 
 
-def _checked(run: str, received: Path, trust: bool, say: Any) -> tuple[Path, Shelf]:
+def _checked(run: str, received: Path, trust: bool, say: Callable[[str], None]) -> tuple[Path, Shelf]:
     """Returns the folder of a run whose files and their content have been checked, and where its outputs may be had.
 
     One from elsewhere is copied first, and of its outputs none is taken for granted.
@@ -238,7 +238,7 @@ def _checked(run: str, received: Path, trust: bool, say: Any) -> tuple[Path, She
         except PorseError as error:
             commit = read_manifest(folder).program.get("commit", "")
             raise PorseError(f"{error}{_of_commit(commit)}") from None
-        cache = _cache()
+        cache = dvc_cache(ROOT)
         if (folder / OUTPUTS_FILE).is_file() and not (folder / OUTPUTS).is_dir():
             say(f"its outputs can be had: cd {FOLDER} && dvc pull --remote REMOTE {run}/{OUTPUTS_FILE}")
         pulled = (folder / OUTPUTS, f"{folder / OUTPUTS}, which DVC pulled")
@@ -257,14 +257,8 @@ def _of_commit(commit: str) -> str:
     )
 
 
-def _cache() -> Path | None:
-    """Returns DVC's cache of this project, None where DVC does not say it."""
-    done = subprocess.run([*DVC, "cache", "dir"], cwd=ROOT, capture_output=True, text=True)
-    return ROOT / done.stdout.strip() if not done.returncode else None
-
-
 def _document(run: str, found: Replay, names: Sequence[str], seed: int | None, commit: str) -> dict[str, Any]:
-    computed = [stage.name for stage in found.plan.computed if stage.name in names]
+    computed = names_of(found.plan.computed)
     return {
         "run": run,
         "commit": commit,
@@ -284,7 +278,7 @@ def _document(run: str, found: Replay, names: Sequence[str], seed: int | None, c
 
 
 def _text(run: str, found: Replay, names: Sequence[str], commit: str) -> str:
-    computed = [stage.name for stage in found.plan.computed if stage.name in names]
+    computed = names_of(found.plan.computed)
     lines = [
         f"{run}: {found.identical} of {found.outputs} outputs identical, of {len(computed)} of {len(names)} stages, in "
         f"{found.seconds:.0f} s"

@@ -61,7 +61,7 @@ def published_folders(root: Path) -> list[Path]:
     """Returns the folders of the runs that the project at `root` publishes, by name."""
     folder = root / FOLDER
     found = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [path for path in found if NAME.fullmatch(path.name) and (path / MANIFEST).is_file()]
+    return [path for path in found if is_name(path.name) and (path / MANIFEST).is_file()]
 
 
 def receive(source: str, target: Path) -> Manifest:
@@ -73,8 +73,13 @@ def receive(source: str, target: Path) -> Manifest:
         PorseError: there is no such run, a name in it is no name of a file of such a run, or a file is not what was published.
     """
     target.mkdir(parents=True)
-    if is_address(source):
-        return _download(source.rstrip("/"), target)
+    manifest = _download(source.rstrip("/"), target) if is_address(source) else _copy(source, target)
+    (target / MANIFEST).write_bytes(manifest.render())
+    check_files(target, manifest)
+    return manifest
+
+
+def _copy(source: str, target: Path) -> Manifest:
     folder = Path(source)
     if not folder.is_dir():
         raise PorseError(
@@ -85,8 +90,6 @@ def receive(source: str, target: Path) -> Manifest:
     for name in manifest.files:
         with open_plain(folder / name, name) as file:
             _write(iter(functools.partial(file.read, _CHUNK), b""), name, manifest, target)
-    (target / MANIFEST).write_bytes(manifest.render())
-    check_files(target, manifest)
     return manifest
 
 
@@ -110,8 +113,6 @@ def _download(address: str, target: Path) -> Manifest:
         raise PorseError(
             f"expected a published run at {address}, found no answer ({type(error).__name__}: {error}); check the address"
         ) from None
-    (target / MANIFEST).write_bytes(manifest.render())
-    check_files(target, manifest)
     return manifest
 
 

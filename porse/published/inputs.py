@@ -1,7 +1,6 @@
 """The inputs of a run's stages, as stage `resolve` wrote them then, and what differs between them and those of now."""
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +8,7 @@ from typing import Any
 
 from porse.config import leaves
 from porse.inputs.resolve import Inputs
-from porse.published.manifest import refused
-
-_SHA256 = re.compile(r"[0-9a-f]{64}")
+from porse.published.manifest import SHA256, refused
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ def parse_inputs(data: bytes, where: str) -> Inputs:
     try:
         document = json.loads(data)
         inputs = Inputs(document["parameters"], document["files"])
-        fine = isinstance(inputs.parameters, dict) and all(_SHA256.fullmatch(each) for each in inputs.files.values())
+        fine = isinstance(inputs.parameters, dict) and all(SHA256.fullmatch(each) for each in inputs.files.values())
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         fine = False
     if not fine:

@@ -148,7 +148,7 @@ class Shelf:
         """Copies the output of that path and MD5 to `target`, and returns from where; empty where nobody has it whole."""
         for folder, words in self.folders:
             if is_output(folder / path, md5):
-                _copy(folder / path, target)
+                put(folder / path, target)
                 return words
         if self.cache is not None and self._from_cache(md5, target):
             return "DVC's cache"
@@ -160,7 +160,7 @@ class Shelf:
         if not stored.is_file():
             return False
         if not md5.endswith(".dir"):
-            _copy(stored, target)
+            put(stored, target)
         else:
             try:
                 names = {str(entry["relpath"]): str(entry["md5"]) for entry in json.loads(stored.read_bytes())}
@@ -172,7 +172,7 @@ class Shelf:
                 return False
             target.mkdir(parents=True, exist_ok=True)
             for name, file in files.items():
-                _copy(file, target / name)
+                put(file, target / name)
         if is_output(target, md5):
             return True
         shutil.rmtree(target) if target.is_dir() else target.unlink()
@@ -183,7 +183,8 @@ def _stored(cache: Path, md5: str) -> Path:
     return cache / "files" / "md5" / md5[:2] / md5[2:]
 
 
-def _copy(source: Path, target: Path) -> None:
+def put(source: Path, target: Path) -> None:
+    """Copies a file or a folder to `target`, whose parents are made where they are missing."""
     target.parent.mkdir(parents=True, exist_ok=True)
     if source.is_dir():
         shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)

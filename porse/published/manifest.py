@@ -9,10 +9,11 @@ import json
 import os
 import re
 import stat
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 from porse.errors import PorseError
 from porse.identity import content_id
@@ -36,6 +37,8 @@ MOST_FILES, MOST_BYTES, MOST_FILE_BYTES = 20_000, 256 * 2**20, 64 * 2**20
 """Of any run that is read, ours or somebody else's."""
 
 MOST_MANIFEST_BYTES = 4 * 2**20
+
+SHA256 = re.compile(r"[0-9a-f]{64}")
 
 _PART = r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}"
 _FILES = re.compile(
@@ -64,7 +67,6 @@ _FILES = re.compile(
 _NEEDED = ("card.md", "report.html", "params.yaml", "metrics.json", "dvc.lock")
 _WORD = re.compile(r"[A-Za-z0-9._/+-]{1,300}")
 _VERSION = re.compile(r"[A-Za-z0-9.+-]{0,64}")
-_HASH = re.compile(r"[0-9a-f]{64}")
 _CHUNK = 2**20
 
 
@@ -180,7 +182,7 @@ def refused(where: str, expected: str, found: str) -> PorseError:
     )
 
 
-def open_plain(path: Path, name: str) -> Any:
+def open_plain(path: Path, name: str) -> BinaryIO:
     """Returns a file, opened for reading, that is a plain one.
 
     Raises:
@@ -204,14 +206,12 @@ def _checked(manifest: Manifest, where: str) -> Manifest:
     for name in names:
         if not is_allowed(name):
             raise refused(where, "names of files that a published run may have", repr(name[:200]))
-    lower = [name.lower() for name in names]
-    twice = (
-        next((name for name in names if lower.count(name.lower()) > 1), None) if len({*lower}) < len(lower) else None
-    )
+    counts = Counter(map(str.lower, names))
+    twice = next((name for name in names if counts[name.lower()] > 1), None)
     if twice:
         raise refused(where, "names that differ in more than case", repr(twice))
     for name, file in manifest.files.items():
-        if not _HASH.fullmatch(file.sha256) or type(file.size) is not int or not 0 <= file.size <= MOST_FILE_BYTES:
+        if not SHA256.fullmatch(file.sha256) or type(file.size) is not int or not 0 <= file.size <= MOST_FILE_BYTES:
             raise refused(where, f"a hash and a size of at most {MOST_FILE_BYTES} bytes for {name}", repr(file))
     total = sum(file.size for file in manifest.files.values())
     if len(names) > MOST_FILES or total > MOST_BYTES:
@@ -269,7 +269,7 @@ def _hashed(path: Path, name: str) -> File:
 
 def _read(path: Path, name: str, most: int) -> bytes:
     with open_plain(path, name) as file:
-        data: bytes = file.read(most + 1)
+        data = file.read(most + 1)
     if len(data) > most:
         raise refused(name, f"at most {most} bytes", "more")
     return data

@@ -5,6 +5,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from porse import __version__, tables
@@ -23,14 +24,15 @@ from porse.presets.own import sizes_of
 from porse.presets.rules import values_by_rule
 from porse.published.card import card
 from porse.published.check import REPLIES, check_content
+from porse.published.fetch import is_name
 from porse.published.inputs import parse_inputs
-from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, lock_files, read_locks
-from porse.published.manifest import FOLDER, MANIFEST, MOST_GIT_BYTES, NAME, OUTPUTS, OUTPUTS_FILE, make_manifest
+from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, is_output, lock_files, put, read_locks
+from porse.published.manifest import FOLDER, MANIFEST, MOST_GIT_BYTES, OUTPUTS, OUTPUTS_FILE, make_manifest
 from porse.report.answer import Fact
 from porse.report.page import no_film, page_of, render
 from porse.report.results import Results, read_results
 from porse.reporting.film import winner_film
-from porse.suite.clone import DVC
+from porse.suite.clone import DVC, call, dvc_cache
 from porse.task_names import TASK_CLASSES
 
 MOST_PAGE_BYTES = 2 * 2**20
@@ -77,6 +79,32 @@ class Source:
         read = {name: md5 for stage in self.stages if stage.name == RESOLVE for name, md5 in stage.deps.items()}
         return {**read, **outs}.get(path, "")
 
+    @property
+    def presets(self) -> Path:
+        """Where the preset lies that its parameters are laid over."""
+        return _presets(self.folder, self.root)
+
+    @cached_property
+    def inputs(self) -> dict[str, tuple[bytes, Inputs]]:
+        """The inputs of its stages by the kind of stage, each with the bytes of its file.
+
+        Raises:
+            PorseError: a file of them is gone, or holds something else.
+        """
+        found = {}
+        with tempfile.TemporaryDirectory(prefix="porse-") as scratch:
+            for path in (out for stage in self.stages for out in stage.outs if out.startswith(f"{INPUTS}/")):
+                if not self.shelf.fetch(path, self.md5(path), Path(scratch) / path):
+                    raise _gone(self, path)
+                data = (Path(scratch) / path).read_bytes()
+                found[Path(path).stem] = data, parse_inputs(data, path)
+        return found
+
+    @property
+    def files(self) -> dict[str, str]:
+        """SHA-256 of each file that a stage depends on, by its name."""
+        return {name: sha256 for _, own in self.inputs.values() for name, sha256 in own.files.items()}
+
 
 def publish(
     run: Path, name: str, root: Path, words: str, remote: str | None, replaces: bool, say: Callable[[str], None]
@@ -108,7 +136,7 @@ def publish(
         results = read_results(partial)
         _write_page(results, source, partial)
         kept = _copy_policies(source, partial)
-        left_out = tuple(path for path in _outputs(source) if not _is_here(source, partial, path))
+        left_out = tuple(path for path in _outputs(source) if not is_output(partial / path, source.md5(path)))
         if remote is not None:
             _add_outputs(source, partial, root)
         facts = [*kept, *_kept_facts(partial, left_out, remote is not None)]
@@ -134,7 +162,7 @@ def publish(
 
 
 def _check_name(name: str, target: Path, replaces: bool) -> None:
-    if not NAME.fullmatch(name) or name in TASK_CLASSES:
+    if not is_name(name) or name in TASK_CLASSES:
         raise PorseError(
             f"expected a name of at most 60 small letters, digits and dashes for a published run, found {name!r}; choose another"
         )
@@ -150,12 +178,13 @@ def _source(run: Path, root: Path) -> Source:
             f"expected a finished run in {run}, found no dvc.lock and metrics.json of one; run `porse repro` there, or name the "
             "folder .porse/suites/SUITE/results/ENTRY of an entry that is done"
         )
-    presets = run if (run / PRESETS).is_dir() else root
-    params = load_params(run / "params.yaml", presets)
-    done = subprocess.run([*DVC, "cache", "dir"], cwd=root, capture_output=True, text=True)
-    cache = root / done.stdout.strip() if not done.returncode else None
+    params = load_params(run / "params.yaml", _presets(run, root))
     folders = [(run, str(run)), (run / OUTPUTS, str(run / OUTPUTS))]
-    return Source(run, root, params, read_locks(run), Shelf(folders, cache))
+    return Source(run, root, params, read_locks(run), Shelf(folders, dvc_cache(root)))
+
+
+def _presets(run: Path, root: Path) -> Path:
+    return run if (run / PRESETS).is_dir() else root
 
 
 def _check_unchanged(source: Source) -> None:
@@ -166,27 +195,14 @@ def _check_unchanged(source: Source) -> None:
             f"expected in {path} the parameters that the run in {source.folder} was made with, by its lock, found others; "
             "run `porse repro`, or take the change back"
         )
-    presets = source.folder if (source.folder / PRESETS).is_dir() else source.root
-    now = dict(leaves(resolve_document(load_document(path), str(path), presets).document))
-    for _, inputs in _inputs(source).values():
+    now = dict(leaves(resolve_document(load_document(path), str(path), source.presets).document))
+    for _, inputs in source.inputs.values():
         for name, value in leaves(inputs.parameters):
             if now.get(name, value) != value:
                 raise PorseError(
                     f"expected the parameters that the run in {source.folder} was made with, found {name}: {now[name]!r} in place of "
                     f"{value!r}: the preset, or a set of a method, has changed since; run `porse repro`, or take the change back"
                 )
-
-
-def _inputs(source: Source) -> dict[str, tuple[bytes, Inputs]]:
-    """Returns the inputs of the run's stages by the kind of stage, each with the bytes of its file."""
-    found = {}
-    with tempfile.TemporaryDirectory(prefix="porse-") as scratch:
-        for path in (out for stage in source.stages for out in stage.outs if out.startswith(f"{INPUTS}/")):
-            if not source.shelf.fetch(path, source.md5(path), Path(scratch) / path):
-                raise _gone(source, path)
-            data = (Path(scratch) / path).read_bytes()
-            found[Path(path).stem] = data, parse_inputs(data, path)
-    return found
 
 
 def _gone(source: Source, path: str) -> PorseError:
@@ -201,23 +217,20 @@ def _copy_small(source: Source, target: Path) -> None:
     run, params = source.folder, source.params
     files = [run / "params.yaml", *lock_files(run)]
     for path in files:
-        _put(path, target / path.relative_to(run))
+        put(path, target / path.relative_to(run))
     for name in ("metrics.json", "results"):
         if not source.shelf.fetch(name, source.md5(name), target / name):
             raise _gone(source, name)
-    inputs = _inputs(source)
-    for kind, (data, _) in inputs.items():
+    for kind, (data, _) in source.inputs.items():
         path = target / INPUTS / f"{kind}.json"
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
-    presets = run if (run / PRESETS).is_dir() else source.root
-    _copy_preset(params.task, presets, target)
+    _copy_preset(params.task, source.presets, target)
     if (run / "logs" / "environment.json").is_file():
-        _put(run / "logs" / "environment.json", target / "logs" / "environment.json")
+        put(run / "logs" / "environment.json", target / "logs" / "environment.json")
     _copy_replies(source, target)
-    names = {name: sha256 for _, own in inputs.values() for name, sha256 in own.files.items()}
-    changed = changed_files(source.root, names)
-    for name in sorted(names):
+    changed = changed_files(source.root, source.files)
+    for name in sorted(source.files):
         functions = params.generator == FILES and name.startswith(f"functions/{params.generate.functions}/")
         code = not name.startswith(_NOT_OWN)
         if (functions or code) and name in changed:
@@ -225,16 +238,16 @@ def _copy_small(source: Source, target: Path) -> None:
                 f"expected {name} as the run read it, found it changed or gone; run `porse repro`, or take the change back"
             )
         if functions:
-            _put(source.root / name, target / name)
+            put(source.root / name, target / name)
         elif code:
-            _put(source.root / name, target / "code" / name)
+            put(source.root / name, target / "code" / name)
 
 
 def _copy_preset(task: str, root: Path, target: Path) -> None:
     """Copies the preset of a task; of one without, the values that follow from its class, which a reader then need not import."""
     path, copy = root / preset_file(task), target / preset_file(task)
     if path.is_file():
-        _put(path, copy)
+        put(path, copy)
         return
     values = {size: values_by_rule(size, sizes_of(task, root, path)) for size in SIZES}
     copy.parent.mkdir(exist_ok=True)
@@ -256,7 +269,7 @@ def _copy_replies(source: Source, target: Path) -> None:
     refreshed = cache / REFRESHED
     wanted = source.md5(f"{REPLIES}/{REFRESHED}")
     if refreshed.is_file() and wanted in ("", digest(refreshed)):
-        _put(refreshed, target / REPLIES / REFRESHED)
+        put(refreshed, target / REPLIES / REFRESHED)
 
 
 def _truncated(store: Store, key: str) -> Record | None:
@@ -291,7 +304,7 @@ def _copy_policies(source: Source, target: Path) -> list[Fact]:
             size = policy.stat().st_size
             if size > room:
                 break
-            _put(policy, target / policy.relative_to(scratch))
+            put(policy, target / policy.relative_to(scratch))
             room, best = room - size, best + 1
         if not best:
             raise PorseError(
@@ -306,7 +319,7 @@ def _copy_policies(source: Source, target: Path) -> list[Fact]:
             if size > room:
                 break
             for path in more:
-                _put(path, target / path.relative_to(scratch))
+                put(path, target / path.relative_to(scratch))
             room, whole = room - size, whole + 1
     return [
         Fact("Policies of winners", f"{best} of {len(names)} iterations"),
@@ -317,10 +330,6 @@ def _copy_policies(source: Source, target: Path) -> list[Fact]:
 def _outputs(source: Source) -> list[str]:
     """Returns the outputs of all stages, but for the inputs that stage `resolve` writes."""
     return [path for stage in source.stages for path in stage.outs if not path.startswith(f"{INPUTS}/")]
-
-
-def _is_here(source: Source, target: Path, path: str) -> bool:
-    return (target / path).exists() and digest(target / path) == source.md5(path)
 
 
 def _kept_facts(folder: Path, left_out: Sequence[str], is_pulled: bool) -> list[Fact]:
@@ -334,9 +343,8 @@ def _kept_facts(folder: Path, left_out: Sequence[str], is_pulled: bool) -> list[
 
 def _program(source: Source) -> dict[str, str]:
     """Returns the version of the package, and the commit that the run's code is of; empty where it is of none."""
-    names = {name: sha256 for _, own in _inputs(source).values() for name, sha256 in own.files.items()}
-    watched = sorted({name.partition("/")[0] for name in names} - {REPLIES})
-    here = not changed_files(source.root, names)
+    watched = sorted({name.partition("/")[0] for name in source.files} - {REPLIES})
+    here = not changed_files(source.root, source.files)
     status = subprocess.run(
         ["git", "status", "--porcelain", "--", *watched], cwd=source.root, capture_output=True, text=True
     )
@@ -346,8 +354,7 @@ def _program(source: Source) -> dict[str, str]:
 
 
 def _check_size(folder: Path) -> None:
-    files = {path.relative_to(folder).as_posix(): path.stat().st_size for path in folder.rglob("*") if path.is_file()}
-    sizes = {name: size for name, size in files.items() if not name.startswith(f"{OUTPUTS}/")}
+    sizes = {path.relative_to(folder).as_posix(): path.stat().st_size for path in folder.rglob("*") if path.is_file()}
     if sum(sizes.values()) > MOST_GIT_BYTES:
         largest = sorted(sizes, key=lambda name: -sizes[name])[:3]
         said = ", ".join(f"{name} ({sizes[name]} bytes)" for name in largest)
@@ -367,25 +374,12 @@ def _add_outputs(source: Source, target: Path, root: Path) -> None:
     for path in _outputs(source):
         if not source.shelf.fetch(path, source.md5(path), target / OUTPUTS / path):
             raise _gone(source, path)
-    _dvc(home, "add", "--quiet", f"{target.name}/{OUTPUTS}")
+    call(home, *DVC, "add", "--quiet", f"{target.name}/{OUTPUTS}")
     shutil.rmtree(target / OUTPUTS)
 
 
 def _push(target: Path, root: Path, remote: str) -> None:
     home = root / FOLDER
     place = remote if "://" in remote else str(Path(remote).absolute())
-    _dvc(home, "remote", "add", "--quiet", "--force", "--local", "published", place)
-    _dvc(home, "push", "--quiet", "--remote", "published", f"{target.name}/{OUTPUTS_FILE}")
-
-
-def _dvc(where: Path, *arguments: str) -> None:
-    done = subprocess.run([*DVC, *arguments], cwd=where, capture_output=True, text=True)
-    if done.returncode:
-        raise PorseError(
-            f"expected `dvc {' '.join(arguments)}` to work in {where}, found: {' '.join(done.stderr.split())}; mend that first"
-        )
-
-
-def _put(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    call(home, *DVC, "remote", "add", "--quiet", "--force", "--local", "published", place)
+    call(home, *DVC, "push", "--quiet", "--remote", "published", f"{target.name}/{OUTPUTS_FILE}")

@@ -22,8 +22,8 @@ from porse.processes import die_with_parent
 from porse.published.causes import causes, changed_inputs
 from porse.published.check import REPLIES, read_params
 from porse.published.inputs import Changes
-from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, overlaps, read_locks
-from porse.suite.clone import DVC, copy_files
+from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, overlaps, put, read_locks
+from porse.suite.clone import DVC, copy_files, new_repository
 from porse.suite.resolve import tracked_files
 from porse.task_names import class_name, is_own
 from porse.warm.start import warm_server
@@ -76,8 +76,7 @@ class Replay:
     Attributes:
         plan: what was computed.
         outputs: how many outputs were compared.
-        identical: how many of them are the published bytes.
-        differ: the others, by path.
+        differ: those of them that are not the published bytes, by path.
         first: the first stage whose outputs differ, None where none do.
         failed: the stage that failed, with its error; empty where none did.
         changed: what differs in the inputs of each kind of stage that was computed, between then and now.
@@ -86,7 +85,6 @@ class Replay:
 
     plan: Plan
     outputs: int
-    identical: int
     differ: tuple[str, ...]
     first: Difference | None
     failed: str
@@ -94,9 +92,14 @@ class Replay:
     seconds: float
 
     @property
+    def identical(self) -> int:
+        """How many outputs are the published bytes."""
+        return self.outputs - len(self.differ)
+
+    @property
     def is_identical(self) -> bool:
         """Whether all that was computed is what was published."""
-        return not self.failed and self.identical == self.outputs
+        return not self.failed and not self.differ
 
 
 def names_of(stages: Sequence[Stage]) -> list[str]:
@@ -148,24 +151,14 @@ def replay(
     now = {stage.name: stage for stage in read_locks(scratch)} if (scratch / "dvc.lock").is_file() else {}
     changed = changed_inputs(folder / INPUTS, scratch / INPUTS, [stage.kind for stage in plan.computed])
     compared = [(stage, now[stage.name]) for stage in plan.computed if stage.name in now and stage.name != RESOLVE]
-    differ = {path: stage for stage, own in compared for path in stage.outs if own.outs.get(path) != stage.outs[path]}
-    outputs = sum(len(stage.outs) for stage, _ in compared)
-    # A stage that read what differs already cannot be the first; stages are in their order.
-    first = next(
-        (
-            (stage, own)
-            for stage, own in compared
-            if any(path in differ for path in stage.outs)
-            and not any(overlaps(d, dep) for d in differ for dep in stage.read)
-        ),
-        None,
-    )
+    differ = tuple(path for stage, own in compared for path, md5 in stage.outs.items() if own.outs.get(path) != md5)
+    # Stages are in their order: the first with a difference has read none.
+    first = next((stage for stage, _ in compared if any(path in differ for path in stage.outs)), None)
     return Replay(
         plan,
-        outputs,
-        outputs - len(differ),
-        tuple(differ),
-        _difference(*first, folder, shelf, scratch, params, changed) if first else None,
+        sum(len(stage.outs) for stage, _ in compared),
+        differ,
+        _difference(first, differ, folder, shelf, scratch, params, changed) if first else None,
         failed,
         changed,
         time.monotonic() - started,
@@ -179,9 +172,7 @@ def _make_copy(folder: Path, root: Path, scratch: Path, params: Params) -> None:
         raise PorseError(
             f"expected dvc.yaml among the files that Git tracks in {root.resolve()}, found none; a replay takes those: git add them"
         )
-    scratch.mkdir(parents=True, exist_ok=True)
-    _call(scratch, "git", "init", "--quiet")
-    _call(scratch, *DVC, "init", "--quiet")
+    new_repository(scratch)
     copy_files(files, root, scratch)
     # A cache of its own, whatever the project's is: nothing is found there that was not computed here.
     (scratch / ".dvc" / "config.local").write_text("['cache']\n    dir = cache\n", encoding="utf-8")
@@ -207,11 +198,10 @@ def _add_task(folder: Path, scratch: Path, task: str) -> None:
     for path in sorted((folder / "code").rglob("*")):
         target = scratch / path.relative_to(folder / "code")
         if path.is_file() and not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, target)
+            put(path, target)
     module = class_name(task).partition(":")[0]
     place = module.partition(".")[0] if "." in module else f"{module}.py"
-    if place not in read_yaml(scratch / "dvc.yaml")["stages"]["resolve"]["deps"]:
+    if place not in read_yaml(scratch / "dvc.yaml")["stages"][RESOLVE]["deps"]:
         text = (scratch / "dvc.yaml").read_text(encoding="utf-8")
         (scratch / "dvc.yaml").write_text(_OWN_DEP.sub(rf"\g<0>\n\1- {place}", text, count=1), encoding="utf-8")
 
@@ -273,9 +263,15 @@ def _reproduce(scratch: Path, plan: Plan, profile: numerics.Profile, say: Callab
 
 
 def _difference(
-    stage: Stage, own: Stage, folder: Path, shelf: Shelf, scratch: Path, params: Params, changed: Mapping[str, Changes]
+    stage: Stage,
+    differ: Sequence[str],
+    folder: Path,
+    shelf: Shelf,
+    scratch: Path,
+    params: Params,
+    changed: Mapping[str, Changes],
 ) -> Difference:
-    outputs = tuple(path for path in stage.outs if own.outs.get(path) != stage.outs[path])
+    outputs = tuple(path for path in stage.outs if path in differ)
     files: list[str] = []
     for path in outputs:
         kept = scratch / ".published" / path
@@ -299,11 +295,3 @@ def _files_that_differ(then: Path, now: Path, name: str) -> list[str]:
             and (then / file).read_bytes() == (now / file).read_bytes()
         )
     ]
-
-
-def _call(where: Path, *command: str) -> None:
-    done = subprocess.run(command, cwd=where, capture_output=True, text=True)
-    if done.returncode:
-        raise PorseError(
-            f"expected `{' '.join(command)}` to work in {where}, found: {' '.join(done.stderr.split())}; mend that first"
-        )

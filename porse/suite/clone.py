@@ -40,10 +40,25 @@ def new_clone(work: Path, root: Path) -> None:
     """
     if work.exists():
         shutil.rmtree(work)
-    work.mkdir(parents=True)
-    _call(work, "git", "init", "--quiet")
-    _call(work, *DVC, "init", "--quiet")
-    _call(work, *DVC, "cache", "dir", "--local", _call(root, *DVC, "cache", "dir"))
+    new_repository(work)
+    call(work, *DVC, "cache", "dir", "--local", call(root, *DVC, "cache", "dir"))
+
+
+def new_repository(work: Path) -> None:
+    """Makes an empty repository of Git and DVC at `work`.
+
+    Raises:
+        PorseError: Git or DVC refuses.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+    call(work, "git", "init", "--quiet")
+    call(work, *DVC, "init", "--quiet")
+
+
+def dvc_cache(root: Path) -> Path | None:
+    """Returns DVC's cache of the project at `root`, None where DVC does not say it."""
+    done = subprocess.run([*DVC, "cache", "dir"], cwd=root, capture_output=True, text=True)
+    return root / done.stdout.strip() if not done.returncode else None
 
 
 def fill_clone(work: Path, files: Sequence[str], source: Path, root: Path, params: dict[str, Any]) -> None:
@@ -65,7 +80,12 @@ def fill_clone(work: Path, files: Sequence[str], source: Path, root: Path, param
     write_pipeline(work, load_params(path, work))
 
 
-def _call(where: Path, *command: str) -> str:
+def call(where: Path, *command: str) -> str:
+    """Returns what a command prints that is run in the folder `where`.
+
+    Raises:
+        PorseError: it fails.
+    """
     done = subprocess.run(command, cwd=where, capture_output=True, text=True)
     if done.returncode:
         raise PorseError(
