@@ -24,7 +24,7 @@ from porse.errors import ParamsError, PorseError
 from porse.processes import PARENT_VARIABLE
 from porse.training.limits import WORKERS_VARIABLE, workers
 from porse.training.reason import last_words
-from porse.training.remote import Errand, LostError, Machines
+from porse.training.remote import Errand, LostError, Machines, stdout_of
 
 ADDRESS_VARIABLE, FOLDER_VARIABLE = "RAY_ADDRESS", "RAY_TMPDIR"
 MODE_VARIABLE, TOKEN_VARIABLE = "RAY_AUTH_MODE", "RAY_AUTH_TOKEN"
@@ -265,11 +265,7 @@ class _Ray:
             ) from error
         except self._ray.exceptions.RayError as error:
             raise LostError(f"{type(error).__name__}: {last_words(str(error))}") from error
-        if "refused" in answer:
-            raise PorseError(answer["refused"])
-        if "lost" in answer:
-            raise LostError(answer["lost"])
-        return str(answer["stdout"])
+        return stdout_of(answer)
 
     def stop(self, handle: Any) -> None:
         self._ray.cancel(handle, force=True)
@@ -287,7 +283,7 @@ def _run_on_a_node(text: str) -> str:
 
 
 def run_errand(errand: Mapping[str, Any], room: int) -> dict[str, str]:
-    """Runs an errand on this machine, and returns {"stdout": ...}, {"lost": why} or {"refused": why}.
+    """Runs an errand on this machine, and returns an answer for `porse.training.remote.stdout_of`.
 
     Args:
         errand: an `Errand` as JSON has it.
