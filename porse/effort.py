@@ -16,8 +16,7 @@ from porse import numerics
 from porse.config import Params, load_document, parse_params
 from porse.documents import parse_yaml
 from porse.errors import ParamsError, PorseError
-from porse.estimate import estimated, planned_questions
-from porse.llm.record import Record
+from porse.estimate import REPAIRS, estimated, planned_questions
 from porse.llm.store import Store
 from porse.search.elimination import how_many_go_on
 from porse.search.lengths import alpha_is_searched, rung_epochs
@@ -26,7 +25,7 @@ from porse.task_names import is_own
 from porse.training.bar import in_words
 from porse.training.limits import limits_from_environment
 from porse.training.memory import training_mib
-from porse.training.remote import gpus_of
+from porse.training.remote import is_on_gpu
 
 DAY_S = 86_400
 MEASURED_STEPS = 4096
@@ -181,7 +180,7 @@ def measured_size(params: Params) -> int:
     """Returns with how many environments an epoch is measured: halved until it is short, as far as minibatches allow."""
     train = params.train
     count = train.num_envs
-    if on_gpu(params):
+    if is_on_gpu(params.device):
         # Twice the environments do not take twice the time there.
         return count
     while count * train.steps_per_epoch > MEASURED_STEPS and count % 2 == 0 and count > 2:
@@ -213,7 +212,7 @@ def measure(params: Params, seconds: float) -> Measured:
         train=dataclasses.replace(params.train, num_envs=count),
         candidate=dataclasses.replace(params.candidate, goal="human", bonus="none", beta=0.0),
     )
-    clock = time.perf_counter if on_gpu(params) else time.process_time
+    clock = time.perf_counter if is_on_gpu(params.device) else time.process_time
     times: list[float] = []
 
     def train(start: Path, finish: Path, until: int) -> Outcome:
@@ -247,11 +246,6 @@ def measure(params: Params, seconds: float) -> Measured:
         observations=task.NUM_OBSERVATIONS,
         actions=task.NUM_ACTIONS,
     )
-
-
-def on_gpu(params: Params) -> bool:
-    """Returns whether trainings run on a GPU."""
-    return gpus_of(params) > 0
 
 
 def _count_bytes(params: Params) -> int:
@@ -315,7 +309,7 @@ def estimate(
     numerics.apply(params.numerics)
     replies, recorded = _replies(params, prompts, cache)
     limits = limits_from_environment()
-    if workers or on_gpu(params):
+    if workers or is_on_gpu(params.device):
         # A GPU is for one training at a time.
         at_once = crowd = workers or 1
     else:
@@ -331,10 +325,8 @@ def estimate(
 
 def _replies(params: Params, prompts: Path, cache: Path) -> tuple[int, int]:
     store = Store(cache)
-    records: list[Record] = [record for key in store.all_keys() if (record := store.read(key)) is not None]
-    lines = [
-        line for line in estimated(planned_questions(params, prompts), records, params) if line.stage != "validate-code"
-    ]
+    records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
+    lines = [line for line in estimated(planned_questions(params, prompts), records, params) if line.stage != REPAIRS]
     return sum(line.planned for line in lines), sum(line.recorded for line in lines)
 
 

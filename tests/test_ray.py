@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import dataclasses
 import os
 import re
 import subprocess
@@ -235,7 +234,7 @@ def test_a_cluster_for_a_whole_run_is_found_by_its_stages_and_one_that_is_not_th
     environment.setenv(EXECUTOR_VARIABLE, "ray")
     with ray_here() as found:
         assert set(found.environment) == {"RAY_ADDRESS", MODE_VARIABLE, TOKEN_VARIABLE}
-        assert (found.cpus, found.gpus >= 0) == (2, True)
+        assert found.cpus == 2
         code = (
             "from porse.training.cluster import ray_machines\n"
             "from porse.training.remote import Errand\n"
@@ -250,6 +249,7 @@ def test_a_cluster_for_a_whole_run_is_found_by_its_stages_and_one_that_is_not_th
         )
         assert done.stdout.strip().endswith("hello"), done.stderr
     environment.setenv("RAY_ADDRESS", "127.0.0.1:1")
-    environment.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
+    begun = time.monotonic()
     with pytest.raises(ParamsError, match=r"expected a Ray cluster at RAY_ADDRESS=127\.0\.0\.1:1"):
-        executor_from_environment().run(jobs(start, tmp_path / "out", 2), dataclasses.replace(small), lambda e: None)
+        executor_from_environment().run(jobs(start, tmp_path / "out", 2), small, lambda event: None)
+    assert time.monotonic() - begun < 15

@@ -24,7 +24,7 @@ from porse.training.limits import CHECKPOINT_VARIABLE, Limits
 from porse.training.local import Local
 from porse.training.node import job_document, job_of
 from porse.training.parts import FIRST, last_part, part_length, train_in_parts
-from porse.training.remote import LOSSES, Errand, LostError, Remote, gpus_of
+from porse.training.remote import LOSSES, Errand, LostError, Remote, _Training, stdout_of
 from porse.training.start import random_policy
 from samples import MAPPING, NOT_FINITE, RAISES, REWARD, program
 
@@ -63,12 +63,7 @@ class Threads:
         return [*wait(handles, timeout_s, FIRST_COMPLETED).done]
 
     def answer(self, handle):
-        answer = handle.result()
-        if "refused" in answer:
-            raise PorseError(answer["refused"])
-        if "lost" in answer:
-            raise LostError(answer["lost"])
-        return answer["stdout"]
+        return stdout_of(handle.result())
 
     def stop(self, handle):
         for process in children():
@@ -187,12 +182,13 @@ def test_a_part_that_fails_says_what_the_whole_would_say(small, start, tmp_path)
         if part.begun == 0:
             Inline().run([part], params, tell)
             return
-        # Killed before its first report: the whole training had reported this epoch.
-        Local(LIMITS).run([dataclasses.replace(part, reward_program="no program")], params, tell)
+        # It waits for its start for ever, and reports nothing; the whole training had reported 8 epochs.
+        os.mkfifo(tmp_path / "never")
+        silent = Local(dataclasses.replace(LIMITS, silence_s=1))
+        silent.run([dataclasses.replace(part, start=tmp_path / "never")], params, tell)
 
     outcome = train_in_parts(job("one", start, tmp_path / "out"), small, folder, 0, 1e-9, run, lambda event: None)
-    assert outcome.rows == []
-    assert outcome.failure.startswith("its function cannot be run")
+    assert outcome == Outcome([], "its process made no progress for 1 s, after epoch 8", outside=True)
 
 
 def test_on_other_machines_candidates_end_as_they_end_here_failures_word_by_word(small, start, tmp_path):
@@ -318,13 +314,10 @@ def test_parameters_and_jobs_travel_as_json(params, start, tmp_path):
     assert back == dataclasses.replace(one, start=Path.cwd() / "start.safetensors")
 
 
-def test_a_training_has_a_gpu_to_itself_where_its_device_is_one(params):
-    @dataclasses.dataclass
-    class Some:
-        device: str
-
-    assert [gpus_of(Some(device)) for device in ("cpu", "warp-cpu", "cuda:0")] == [0, 0, 1]
-    assert gpus_of(params) == 0
+def test_a_training_has_a_gpu_to_itself_where_its_device_is_one(small, start, tmp_path):
+    training = _Training(job("one", start, tmp_path), tmp_path)
+    orders = [training.errand(dataclasses.replace(small, device=on), 600) for on in ("cpu", "warp-cpu", "cuda:0")]
+    assert [order.gpus for order in orders] == [0, 0, 1]
 
 
 def test_ray_is_refused_where_it_is_not_installed_and_its_checkpoints_where_they_are_no_number(monkeypatch):

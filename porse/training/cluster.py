@@ -10,6 +10,7 @@ import json
 import os
 import secrets
 import shutil
+import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,12 +18,13 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from porse.errors import ParamsError, PorseError
 from porse.processes import PARENT_VARIABLE
 from porse.training.limits import WORKERS_VARIABLE, workers
 from porse.training.reason import last_words
-from porse.training.remote import Errand, LostError, Machines
+from porse.training.remote import Errand, LostError, Machines, stdout_of
 
 ADDRESS_VARIABLE, FOLDER_VARIABLE = "RAY_ADDRESS", "RAY_TMPDIR"
 MODE_VARIABLE, TOKEN_VARIABLE = "RAY_AUTH_MODE", "RAY_AUTH_TOKEN"
@@ -42,6 +44,9 @@ QUIET = {
 """Settings of Ray that hold where the environment does not say otherwise."""
 _LONGEST_FOLDER = 42
 """Bytes of a path that leave room for the names of Ray's sockets below it: the system takes 107 in all."""
+
+_CONNECT_S = 10
+"""How long a cluster may take to accept a connection."""
 
 _STORE_BYTES = 100 * 2**20
 """Ray's memory for what tasks hand each other, on a machine of our own: orders and answers, some hundred kilobytes each."""
@@ -138,8 +143,9 @@ def ray_here() -> Iterator[Here]:
 def _connected(ray: Any) -> Iterator[None]:
     address = os.environ[ADDRESS_VARIABLE]
     try:
+        _check_listens(ray, address)
         ray.init(address=address, log_to_driver=False, logging_level="error")
-    except (ConnectionError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
         raise ParamsError(
             f"expected a Ray cluster at {ADDRESS_VARIABLE}={address[:100]}, found none that answers ({last_words(str(error))}); "
             "start it with `ray start --head`, or unset the variable, which starts Ray on this machine alone"
@@ -148,6 +154,22 @@ def _connected(ray: Any) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def _check_listens(ray: Any, address: str) -> None:
+    """Checks that something listens where Ray will look for a cluster.
+
+    Ray itself tries 20 times (its RAY_NUM_REDIS_GET_RETRIES), 40 seconds each.
+
+    Raises:
+        OSError: nothing does.
+        ValueError: it is no address.
+    """
+    if "://" in address:
+        return  # not the cluster itself, but a server in front of it
+    place = urlsplit(f"//{ray._private.services.canonicalize_bootstrap_address(address) or ''}")
+    if place.port:
+        socket.create_connection((place.hostname, place.port), _CONNECT_S).close()
 
 
 @contextmanager
@@ -243,11 +265,7 @@ class _Ray:
             ) from error
         except self._ray.exceptions.RayError as error:
             raise LostError(f"{type(error).__name__}: {last_words(str(error))}") from error
-        if "refused" in answer:
-            raise PorseError(answer["refused"])
-        if "lost" in answer:
-            raise LostError(answer["lost"])
-        return str(answer["stdout"])
+        return stdout_of(answer)
 
     def stop(self, handle: Any) -> None:
         self._ray.cancel(handle, force=True)
@@ -265,7 +283,7 @@ def _run_on_a_node(text: str) -> str:
 
 
 def run_errand(errand: Mapping[str, Any], room: int) -> dict[str, str]:
-    """Runs an errand on this machine, and returns {"stdout": ...}, {"lost": why} or {"refused": why}.
+    """Runs an errand on this machine, and returns an answer for `porse.training.remote.stdout_of`.
 
     Args:
         errand: an `Errand` as JSON has it.

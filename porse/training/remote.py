@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,6 +55,20 @@ class Errand:
     stderr: str
     gpus: int = 0
     cpus: int = 1
+
+
+def stdout_of(answer: Mapping[str, str]) -> str:
+    """Returns what an errand wrote to stdout, from its answer: {"stdout": ...}, {"lost": why} or {"refused": why}.
+
+    Raises:
+        LostError: it was lost before it was done.
+        PorseError: it could not be started.
+    """
+    if "refused" in answer:
+        raise PorseError(answer["refused"])
+    if "lost" in answer:
+        raise LostError(answer["lost"])
+    return answer["stdout"]
 
 
 class Machines(Protocol):
@@ -170,9 +184,9 @@ class _Training:
         }
         given = {name: os.environ[name] for name in _FORWARDED if os.environ.get(name)}
         command = (sys.executable, "-m", "porse.training.node")
-        return Errand(
-            command, str(Path.cwd()), given, json.dumps(order), str(self._file("stderr.txt")), gpus=gpus_of(params)
-        )
+        # A training that is on a GPU has it to itself.
+        gpus = int(is_on_gpu(params.device))
+        return Errand(command, str(Path.cwd()), given, json.dumps(order), str(self._file("stderr.txt")), gpus=gpus)
 
     def hear(self, tell: Tell) -> None:
         """Takes in what the attempt at work has told, and tells what is new: an epoch is done again after a loss."""
@@ -220,11 +234,6 @@ class _Training:
 
     def _file(self, name: str) -> Path:
         return self._folder / f"{self._attempt}-{name}"
-
-
-def gpus_of(params: Params) -> int:
-    """Returns how many GPUs a training has to itself: one where `device` names one."""
-    return int(is_on_gpu(params.device))
 
 
 def is_on_gpu(device: str) -> bool:
