@@ -9,10 +9,11 @@ import dataclasses
 import pytest
 import torch
 
+from porse.errors import TaskError
 from porse.exploration import Counts, ProgressSpace, SimHash, literal
 from porse.functions.run.execute import Function
 from porse.sim.devices import Device, make_physics
-from porse.sim.physics import Physics
+from porse.sim.physics import Capacity, Physics
 from porse.sim.placement import placed, unplaced
 from porse.tasks import TASKS, make_task
 from porse.training.bonus import Ledger, MappingBonus, NoBonus, Price, SimHashBonus
@@ -171,9 +172,6 @@ def test_on_the_processor_there_is_no_such_context():
 
 
 def test_a_device_without_its_packages_is_refused(monkeypatch):
-    from porse.errors import TaskError
-    from porse.sim.physics import Capacity
-
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
         TaskError, match=r"expected MuJoCo Warp for device: warp-cpu, found no package warp; install it"
@@ -187,10 +185,13 @@ def test_returns_are_summed_up_on_a_device_as_on_the_processor():
     stream, goes_on = torch.tensor([[1.0, 2.0], [4.0, 8.0]]).double(), torch.tensor([[1.0, 0.0], [1.0, 1.0]]).double()
     assert scale._returns_there(stream, goes_on).tolist() == [[1.0, 2.0], [4.5, 8.0]]
     assert scale._returns_there(stream, goes_on)[0].tolist() == [1.0 + 2.25, 2.0 + 4.0]
+    processor = ReturnScale(0.5, 2)
+    assert processor._returns(stream, goes_on == 0.0).tolist() == [[1.0, 2.0], [4.5, 8.0]]
+    assert processor._returns(stream, goes_on == 0.0)[0].tolist() == [1.0 + 2.25, 2.0 + 4.0]
 
 
-def test_counts_are_the_same_with_whole_numbers_and_with_floats():
-    """Twice the same cells: of three environments, two meet in cell 1, then all are in cell 0."""
+def test_visits_and_visited_cells_add_up_from_step_to_step():
+    """Two steps: of three environments, two meet in cell 1, then all are in cell 0."""
     counts = Counts(3, 3, each_episode=False)
     visits = counts.count(torch.tensor([[1, 1, 2], [0, 0, 0]]), torch.zeros(2, 3, dtype=torch.bool))
     assert visits.own.tolist() == [[2, 2, 1], [3, 3, 3]]
