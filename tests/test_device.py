@@ -9,10 +9,11 @@ import dataclasses
 import pytest
 import torch
 
+from porse.errors import TaskError
 from porse.exploration import Counts, ProgressSpace, SimHash, literal
 from porse.functions.run.execute import Function
 from porse.sim.devices import Device, make_physics
-from porse.sim.physics import Physics
+from porse.sim.physics import Capacity, Physics
 from porse.sim.placement import placed, unplaced
 from porse.tasks import TASKS, make_task
 from porse.training.bonus import Ledger, MappingBonus, NoBonus, Price, SimHashBonus
@@ -96,10 +97,28 @@ def test_a_rollout_looks_at_no_number_and_stays_on_its_device(blind, name):
         assert {value.device for value in values if isinstance(value, torch.Tensor)} == {META}
 
 
+@pytest.mark.parametrize("name", ["Quadcopter", "ReOrientation"])
+def test_where_nobody_asks_which_episodes_begin_the_others_are_as_they_were(name):
+    task = make_task(name, 3, 0)
+    for _ in range(2):
+        task.step(torch.full((3, task.NUM_ACTIONS), 0.5))
+    task._physics.asynchronous = True
+    seen, before = task.observations(), task.state()
+    task.reset(torch.tensor([False, True, False]))
+    after = task.state()
+    assert torch.equal(task.observations()[[0, 2]], seen[[0, 2]])
+    assert not torch.equal(task.observations()[1], seen[1])
+    assert task.progress.tolist() == [2, 0, 2]
+    assert task.actions[:, 0].tolist() == [0.5, 0.0, 0.5]
+    rows = [key for key, value in before.items() if value.shape[:1] == (3,)]
+    assert {"physics", "progress", "actions"} < set(rows)
+    assert all(torch.equal(after[key][[0, 2]], before[key][[0, 2]]) for key in rows)
+
+
 @pytest.mark.parametrize("bonus", ["mapping", "simhash"])
 def test_generated_functions_run_on_the_device_of_their_variables(blind, bonus):
     reward, mapping = program(REWARD), program(MAPPING)
-    with placed(META), torch.inference_mode():
+    with placed(META) as mode, torch.inference_mode():
         task = blind("Quadcopter")
         ledger = Ledger(Counts(8, 5, each_episode=False), Price(literal, NoScale(), 1.0), 0)
         counted = Function(mapping, "mapping", portable=False)
@@ -108,6 +127,10 @@ def test_generated_functions_run_on_the_device_of_their_variables(blind, bonus):
         goal = generated(Function(reward, "reward", portable=False))
         env = TaskEnv(task, Reward(goal, paid, 1.0, 2.0, NoScale(), NoScale()))
         env.step(torch.zeros(5, 12))
+        if bonus == "simhash":
+            # Products on `meta` take any device's matrix, so this asks for the copy itself.
+            drawn = paid.hashes.projection.data_ptr()
+            assert any(source is not None and source.data_ptr() == drawn for source, _ in mode._kept.values())
         assert [value.device for value in (*env.reward._values, *env.reward._seen)] == [META, META]
 
 
@@ -171,9 +194,6 @@ def test_on_the_processor_there_is_no_such_context():
 
 
 def test_a_device_without_its_packages_is_refused(monkeypatch):
-    from porse.errors import TaskError
-    from porse.sim.physics import Capacity
-
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
         TaskError, match=r"expected MuJoCo Warp for device: warp-cpu, found no package warp; install it"
@@ -187,10 +207,13 @@ def test_returns_are_summed_up_on_a_device_as_on_the_processor():
     stream, goes_on = torch.tensor([[1.0, 2.0], [4.0, 8.0]]).double(), torch.tensor([[1.0, 0.0], [1.0, 1.0]]).double()
     assert scale._returns_there(stream, goes_on).tolist() == [[1.0, 2.0], [4.5, 8.0]]
     assert scale._returns_there(stream, goes_on)[0].tolist() == [1.0 + 2.25, 2.0 + 4.0]
+    processor = ReturnScale(0.5, 2)
+    assert processor._returns(stream, goes_on == 0.0).tolist() == [[1.0, 2.0], [4.5, 8.0]]
+    assert processor._returns(stream, goes_on == 0.0)[0].tolist() == [1.0 + 2.25, 2.0 + 4.0]
 
 
-def test_counts_are_the_same_with_whole_numbers_and_with_floats():
-    """Twice the same cells: of three environments, two meet in cell 1, then all are in cell 0."""
+def test_visits_and_visited_cells_add_up_from_step_to_step():
+    """Two steps: of three environments, two meet in cell 1, then all are in cell 0."""
     counts = Counts(3, 3, each_episode=False)
     visits = counts.count(torch.tensor([[1, 1, 2], [0, 0, 0]]), torch.zeros(2, 3, dtype=torch.bool))
     assert visits.own.tolist() == [[2, 2, 1], [3, 3, 3]]

@@ -11,6 +11,7 @@ pytest.importorskip("mujoco_warp", reason="MuJoCo Warp is not installed: `make g
 pytestmark = pytest.mark.filterwarnings("ignore")  # Warp warns where there is no driver, in its own words
 
 from parity import AFTER, apart  # noqa: E402
+from porse.checkpoint import write_checkpoint  # noqa: E402
 from porse.errors import TaskError  # noqa: E402
 from porse.report import gpu_speed  # noqa: E402
 from porse.sim.devices import Device, make_physics  # noqa: E402
@@ -21,7 +22,7 @@ from porse.training.bonus import NoBonus  # noqa: E402
 from porse.training.goal import human  # noqa: E402
 from porse.training.reward import Reward  # noqa: E402
 from porse.training.scale import NoScale  # noqa: E402
-from porse.training.trainer import Trainer, draw_policy, write_checkpoint  # noqa: E402
+from porse.training.trainer import Trainer, draw_policy  # noqa: E402
 
 WARP = Device("warp-cpu")
 BALLS = """

@@ -82,6 +82,7 @@ class Counts:
     def _add_up(self, so_far: Tensor, gains: Tensor, ends: Tensor) -> Tensor:
         """Returns whole numbers added up step by step, each counter's by itself, (steps, counters); an end sets them to 0."""
         if not self._each_episode:
+            # As integers: a GPU adds floats up in no fixed order.
             return so_far + gains.sum(dim=1, keepdim=True).round().long().cumsum(dim=0)
         sums = []
         for gain, end in zip(gains, ends, strict=True):

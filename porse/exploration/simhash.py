@@ -47,9 +47,8 @@ class SimHash:
         if not 1 <= bits <= _MOST_BITS:
             raise ValueError(f"expected 1 to {_MOST_BITS} bits of a hash, found {bits}; change their number")
         generator = torch.Generator().manual_seed(seed)
-        drawn = torch.randn((bits, width), generator=generator, dtype=torch.float64, device="cpu")
-        # On the device of what is made now, but the same numbers on all of them.
-        self.projection = drawn.to(torch.zeros(()).device)
+        # Drawn on the processor: the same numbers on all devices.
+        self.projection = torch.randn((bits, width), generator=generator, dtype=torch.float64, device="cpu")
         self.cells: int = 2**bits
 
     def locate(self, states: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ each task when they are first used, and keeps them: where the time ends early, t
 import dataclasses
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,7 +102,7 @@ def _learn(trainer: Trainer, epochs: int) -> None:
     trainer.train(trainer.epoch + epochs, lambda *_: None, lambda _: None)
 
 
-def _timed(do: Any, count: int, seconds: float, device: Device) -> tuple[int, float]:
+def _timed(do: Callable[[int], None], count: int, seconds: float, device: Device) -> tuple[int, float]:
     """Returns how often something was done, some times at once, and the seconds that it took."""
     _wait(device)
     begun, done = time.perf_counter(), 0

@@ -49,7 +49,7 @@ class Physics(ABC):
         model: the compiled model, shared by all simulations.
         num_envs: number of simulations.
         device: of all tensors.
-        real: the type of the live tensors.
+        real: the type of the live tensors, of `kept` and of `fastest`.
         asynchronous: whether the device works behind the processor, which would wait for it with every look at a number. A
             rollout must not ask there which simulations did something: masks stay masks, and ids are those of all.
         qpos: positions `(num_envs, nq)`, live: a write is the state at the next call. Quaternions are MuJoCo's.
@@ -58,9 +58,9 @@ class Physics(ABC):
         force: external wrench on each body, force then torque, world frame, `(num_envs, nbody, 6)`, live.
         mocap_pos: positions of the bodies that only a task moves, `(num_envs, nmocap, 3)`, live.
         mocap_quat: their orientations, MuJoCo's order, `(num_envs, nmocap, 4)`, live.
-        kept: the share of its velocity that each degree of freedom keeps when a step begins, `(nv,)`, float64, or None
+        kept: the share of its velocity that each degree of freedom keeps when a step begins, `(nv,)`, or None
             where nothing is dragged (see `porse.sim.drag`). Outer forces are for whoever writes them to scale.
-        fastest: the highest speed with which each degree of freedom begins a step, `(nv,)`, float64, or None for no bound.
+        fastest: the highest speed with which each degree of freedom begins a step, `(nv,)`, or None for no bound.
     """
 
     model: mujoco.MjModel

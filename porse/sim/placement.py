@@ -83,9 +83,7 @@ class _Placed(TorchFunctionMode):
         """Returns an argument with its tensors on the device; a number in a tensor of its own may stay where it is."""
         if isinstance(value, Tensor):
             return self._constant(value) if value.device.type == "cpu" and value.dim() else value
-        if isinstance(value, tuple | list):
-            return type(value)(self._moved(part) for part in value) if type(value) in (tuple, list) else value
-        return value
+        return type(value)(map(self._moved, value)) if type(value) in (tuple, list) else value
 
     def _constant(self, value: Tensor) -> Tensor:
         version = 0 if value.is_inference() else value._version

@@ -212,16 +212,11 @@ class Task(ABC):
         if self._physics.asynchronous:
             # The physics has put them where they first began.
             self.blown_up = self.blown_up + self._diverged.sum()
-            self.progress += 1
-            self._measure()
-            self._for_some(self._measure_started, self._diverged)
         else:
-            if self._diverged.any():
-                self._restart_diverged()
-            self.progress += 1
-            self._measure()
-            if self._diverged.any():
-                self._measure_started(self._diverged.nonzero().squeeze(-1))
+            self._for_some(self._restart_diverged, self._diverged)
+        self.progress += 1
+        self._measure()
+        self._for_some(self._measure_started, self._diverged)
         self._record()
 
     def observations(self) -> Tensor:
@@ -249,12 +244,7 @@ class Task(ABC):
 
     def reset(self, mask: Tensor) -> None:
         """Starts a new episode where `mask` (bool `(num_envs,)`) is set, and touches no other environment."""
-        if self._physics.asynchronous:
-            self._for_some(self._begin, mask)
-            return
-        ids = mask.nonzero().squeeze(-1)
-        if len(ids):
-            self._begin(ids)
+        self._for_some(self._begin, mask)
 
     def check(self) -> None:
         """Checks that the physics had room for all contacts since the last check; it may wait for the device.
@@ -359,10 +349,16 @@ class Task(ABC):
         self._measure_started(ids)
 
     def _for_some(self, do: Callable[[Tensor], None], mask: Tensor) -> None:
-        """Does for the environments of `mask` what `do` does for ids, where nobody may ask which they are.
+        """Does for the environments of `mask` what `do` does for ids.
 
-        It is done for all, and the others get back what they had: what `state` saves, which gives all the rest.
+        Where nobody may ask which they are, it is done for all, and the others get back what they had: what `state` saves,
+        which gives all the rest.
         """
+        if not self._physics.asynchronous:
+            ids = mask.nonzero().squeeze(-1)
+            if len(ids):
+                do(ids)
+            return
         names = ("progress", "head_start", "actions", "_diverged", *self.MEASURED)
         physics, values = self._physics.state(), {name: getattr(self, name).clone() for name in names}
         do(self._all)
@@ -380,9 +376,8 @@ class Task(ABC):
         """Sets the variables after a state was loaded."""
         self._measure()
 
-    def _restart_diverged(self) -> None:
-        """Starts the diverged simulations again; `terminated` reports them until the caller resets them."""
-        ids = self._diverged.nonzero().squeeze(-1)
+    def _restart_diverged(self, ids: Tensor) -> None:
+        """Starts the diverged simulations `ids` again; `terminated` reports them until the caller resets them."""
         self.blown_up += len(ids)
         self._physics.restart(ids)
         self._start(ids)

@@ -71,12 +71,7 @@ class ReOrientation(PairTask):
 
     def _act(self) -> None:
         # The goal that was hit stays until the next action, so that rewards and variables of a step agree with it.
-        if self._physics.asynchronous:
-            self._for_some(self._new_goals, self._hit)
-        else:
-            hit = self._hit.nonzero().squeeze(-1)
-            if len(hit):
-                self._new_goals(hit)
+        self._for_some(self._new_goals, self._hit)
         super()._act()
 
     def _name_measurements(self) -> None:
