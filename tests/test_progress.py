@@ -1,6 +1,7 @@
 """Progress looks on: what a bar says, what the plan knows, and where a pipeline is."""
 
 import contextlib
+import dataclasses
 import fcntl
 import json
 import os
@@ -122,7 +123,9 @@ def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, params, tmp_path):
     text = "\n".join(re.sub("[━╸╺ ]+", " ", line).strip() for line in lines)
     # Two epochs of each of both; before this rung come the whole first iteration, and two rungs of the second.
     assert re.search(r"^iteration 2 rung mutants 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
-    assert re.search(rf"^stage \d+ of 94 \d+/{total_epochs(params)} .* left over all$", text, re.MULTILINE)
+    # The evaluation is 2 seeds x 5 links x 96 epochs.
+    whole = total_epochs(params) + 2 * 5 * 96
+    assert re.search(rf"^stage \d+ of 94 \d+/{whole} .* left over all$", text, re.MULTILINE)
     assert ("0123456789ab 2/3 best fitness -10.500" in text) == (rows == 24)
     # The bars go, and a line stays.
     assert re.search(r"\] iteration 2 rung mutants: 2 candidates, 4 epochs, ", text)
@@ -148,12 +151,44 @@ def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root
         assert not (set(found[stage.name]["deps"]) & to_come) - made, stage.name
         made |= {path for path in found[stage.name]["outs"] if isinstance(path, str)}
     assert len(made) > 90
-    assert sum(stage.epochs for stage in stages) == total_epochs(params)
+    # The evaluation trains 2 seeds of each of 5 links for 6 x 16 epochs.
+    assert {stage.name: stage.epochs for stage in stages}["evaluate"] == 2 * 5 * 96
+    assert sum(stage.epochs for stage in stages) == total_epochs(params) + 2 * 5 * 96
+    rungs = planned_rungs(params, tmp_path)
+    # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; the evaluation alone is trained after the last rung.
+    assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16 + 2 * 5 * 96
+    assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 5 * 96
+
+
+def planned_rungs(params, tmp_path):
     write_plan(tmp_path / "plan.json", params)
-    rungs = json.loads((tmp_path / "plan.json").read_text())["rungs"]
-    # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; nothing is trained after the last rung.
-    assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16
-    assert rungs["iteration 5 rung 6"]["epochs_after"] == 0
+    return json.loads((tmp_path / "plan.json").read_text())["rungs"]
+
+
+def test_each_link_of_the_evaluation_is_in_the_plan_with_what_comes_after_it(params, tmp_path):
+    three = dataclasses.replace(params, evaluate=dataclasses.replace(params.evaluate, seeds=3))
+    rungs = planned_rungs(three, tmp_path)
+    found = {label: rung for label, rung in rungs.items() if "evaluation" in label}
+    # 3 seeds x 96 epochs a link; evaluate is the last stage but one of 94.
+    assert found == {f"evaluation, iteration {n}": {"stage": 93, "epochs_after": (5 - n) * 3 * 96} for n in range(1, 6)}
+
+
+def test_where_nothing_is_fused_one_link_is_evaluated_whichever_iteration_it_is_of(params, tmp_path):
+    alone = dataclasses.replace(params, fuse=dataclasses.replace(params.fuse, policy="random"))
+    rungs = planned_rungs(alone, tmp_path)
+    assert [rungs[f"evaluation, iteration {n}"]["epochs_after"] for n in range(1, 6)] == [0] * 5
+    assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 96
+
+
+def test_a_bar_of_the_evaluation_has_its_stage_and_the_time_left_over_all(capsys, monkeypatch, params, tmp_path):
+    write_plan(tmp_path / "plan.json", params)
+    monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
+    shown(FALLING, "evaluation, iteration 4")
+    assert capsys.readouterr().out.startswith("[93/94] evaluation, iteration 4: 2 candidates, 4 epochs, ")
+    monkeypatch.setenv("PORSE_PROGRESS", "json")
+    shown(FALLING, "evaluation, iteration 4")
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (last["stage"], last["stages"], last["seconds_left"] is not None) == (93, 94, True)
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(9.6, "10 s"), (95, "2 min"), (7500, "2 h 5 min")])
