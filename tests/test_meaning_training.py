@@ -1067,8 +1067,8 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
     for number in (1, 2):
         run_seed = named(f'[5,"evaluate",{number}]')
         assert [jobs[number - 1].name for jobs in links] == [
-            f"first with seed {run_seed}",
-            f"second with seed {run_seed}",
+            f"first seed {number}",
+            f"second seed {number}",
         ]
         assert links[0][number - 1].seed == named(f'[{run_seed},"training",1]')
         assert links[1][number - 1].seed == named(f'[{run_seed},"training",4]')

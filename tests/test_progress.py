@@ -91,23 +91,31 @@ RUNG_ON_A_TERMINAL = """
 import sys
 from porse.training.bar import RungBar
 from porse.training.job import Report
-with RungBar("iteration 2 rung mutants", 2, 6, 100) as bar:
+label, *names = sys.argv[1:]
+with RungBar(label, 2, 6, 100) as bar:
     for epoch, fitness in enumerate((-10.5, -110.25), 1):
-        for name in ("0123456789ab", "ba9876543210"):
+        for name in names:
             bar.tell(Report(name, epoch, fitness))
     bar._bars._progress.refresh()
 """
 
 
+@pytest.mark.parametrize(
+    ("label", "names"),
+    [
+        ("iteration 2 rung mutants", ("0123456789ab", "ba9876543210")),
+        ("evaluation, iteration 2", ("0123456789ab seed 1", "0123456789ab seed 2")),
+    ],
+)
 @pytest.mark.parametrize("rows", [24, 6])
-def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, params, tmp_path):
+def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, label, names, params, tmp_path):
     """A real terminal. Of six rows, the candidates get none."""
     write_plan(tmp_path / "plan.json", params)
     main_end, own_end = pty.openpty()
     fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 80, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
     process = subprocess.Popen(
-        [sys.executable, "-c", RUNG_ON_A_TERMINAL], stdout=own_end, stdin=own_end, stderr=subprocess.STDOUT,
+        [sys.executable, "-c", RUNG_ON_A_TERMINAL, label, *names], stdout=own_end, stdin=own_end, stderr=subprocess.STDOUT,
         env=environment | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"},
     )  # fmt: skip
     os.close(own_end)
@@ -121,14 +129,14 @@ def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, params, tmp_path):
     lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", written.decode()).replace("\r", "\n").splitlines()
     assert max(len(line) for line in lines if "━" in line) <= 80
     text = "\n".join(re.sub("[━╸╺ ]+", " ", line).strip() for line in lines)
-    # Two epochs of each of both; before this rung come the whole first iteration, and two rungs of the second.
-    assert re.search(r"^iteration 2 rung mutants 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
+    # Two epochs of each of both.
+    assert re.search(rf"^{label} 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
     # The evaluation is 2 seeds x 5 links x 96 epochs.
     whole = total_epochs(params) + 2 * 5 * 96
     assert re.search(rf"^stage \d+ of 94 \d+/{whole} .* left over all$", text, re.MULTILINE)
-    assert ("0123456789ab 2/3 best fitness -10.500" in text) == (rows == 24)
+    assert (f"{names[0]} 2/3 best fitness -10.500" in text) == (rows == 24)
     # The bars go, and a line stays.
-    assert re.search(r"\] iteration 2 rung mutants: 2 candidates, 4 epochs, ", text)
+    assert re.search(rf"\] {label}: 2 candidates, 4 epochs, ", text)
 
 
 def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root, tmp_path):
