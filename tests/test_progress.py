@@ -17,6 +17,8 @@ from click.testing import CliRunner
 
 from porse import status as status_module
 from porse.cli import main
+from porse.config import load_document
+from porse.inputs.resolve import resolve_inputs
 from porse.plan import planned, write_plan
 from porse.search.schedule import total_epochs
 from porse.stage import say
@@ -85,6 +87,21 @@ def test_a_stage_says_a_line_with_its_number_as_the_mode_wants_it(mode, line, ca
     monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
     say("6 of 6 survive")
     assert capsys.readouterr().out == line
+
+
+def test_stage_begin_says_a_line_with_its_number(params, root, tmp_path):
+    """The stage itself, in a folder that has the project's files."""
+    for name in ("porse", "stages", "requirements.lock"):
+        (tmp_path / name).symlink_to(root / name)
+    document = load_document(root / "params.yaml")
+    (tmp_path / "begin.json").write_text(resolve_inputs(root, document, "params.yaml")["begin"].render())
+    write_plan(tmp_path / "plan.json", params)
+    done = subprocess.run(
+        [sys.executable, "-m", "stages.begin", "--inputs", "begin.json", "--out", "start"],
+        cwd=tmp_path, env=os.environ | {"PORSE_PLAN": "plan.json", "DVC_STAGE": "begin"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "[2/94] iteration 1: no winner yet, a random policy\n"), done.stderr
+    assert (tmp_path / "start" / "winner.parquet").is_file()
 
 
 RUNG_ON_A_TERMINAL = """
