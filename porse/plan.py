@@ -81,12 +81,12 @@ def _links(params: Params) -> tuple[Bar, ...]:
 def write_plan(path: Path, params: Params) -> None:
     """Writes what a progress bar needs to know of the rest of the run (`porse.training.bar`)."""
     stages = planned(params)
-    total, before, rungs = sum(stage.epochs for stage in stages), 0, dict[str, dict[str, int]]()
+    total, before, bars = sum(stage.epochs for stage in stages), 0, dict[str, dict[str, int]]()
     for number, stage in enumerate(stages, 1):
         for bar in stage.bars:
             before += bar.epochs
-            rungs |= {label: {"stage": number, "epochs_after": total - before} for label in bar.labels}
+            bars |= {label: {"stage": number, "epochs_after": total - before} for label in bar.labels}
     names = [stage.name for stage in stages]
     path.write_text(
-        json.dumps({"names": names, "stages": len(stages), "epochs": total, "rungs": rungs}), encoding="utf-8"
+        json.dumps({"names": names, "stages": len(stages), "epochs": total, "bars": bars}), encoding="utf-8"
     )

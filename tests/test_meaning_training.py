@@ -1062,7 +1062,7 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
     ]
     # the plan knows both by name: else their bars would have no stage
     write_plan(tmp_path / "plan.json", five)
-    assert {entry[0] for entry in Bar.shown} <= json.loads((tmp_path / "plan.json").read_text())["rungs"].keys()
+    assert {entry[0] for entry in Bar.shown} <= json.loads((tmp_path / "plan.json").read_text())["bars"].keys()
     links = pretended.jobs
     for number in (1, 2):
         run_seed = named(f'[5,"evaluate",{number}]')

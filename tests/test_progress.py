@@ -1,16 +1,11 @@
 """Progress looks on: what a bar says, what the plan knows, and where a pipeline is."""
 
-import contextlib
 import dataclasses
-import fcntl
 import json
 import os
-import pty
 import re
-import struct
 import subprocess
 import sys
-import termios
 
 import pytest
 from click.testing import CliRunner
@@ -24,6 +19,7 @@ from porse.search.schedule import total_epochs
 from porse.stage import say
 from porse.training.bar import RungBar, in_words
 from porse.training.job import Ended, Outcome, Report
+from terminal import on_a_terminal
 
 
 @pytest.fixture(autouse=True)
@@ -128,21 +124,10 @@ with RungBar(label, 2, 6, 100) as bar:
 def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, label, names, params, tmp_path):
     """A real terminal. Of six rows, the candidates get none."""
     write_plan(tmp_path / "plan.json", params)
-    main_end, own_end = pty.openpty()
-    fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 80, 0, 0))
-    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    process = subprocess.Popen(
-        [sys.executable, "-c", RUNG_ON_A_TERMINAL, label, *names], stdout=own_end, stdin=own_end, stderr=subprocess.STDOUT,
-        env=environment | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"},
-    )  # fmt: skip
-    os.close(own_end)
-    written = b""
-    # Linux says that the other end is closed by an error.
-    with contextlib.suppress(OSError):
-        while piece := os.read(main_end, 65536):
-            written += piece
-    assert process.wait() == 0
-    os.close(main_end)
+    environment = os.environ | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"}
+    code, pieces = on_a_terminal([sys.executable, "-c", RUNG_ON_A_TERMINAL, label, *names], rows, 80, environment)
+    written = b"".join(pieces)
+    assert code == 0, written
     lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", written.decode()).replace("\r", "\n").splitlines()
     assert max(len(line) for line in lines if "━" in line) <= 80
     text = "\n".join(re.sub("[━╸╺ ]+", " ", line).strip() for line in lines)
@@ -179,20 +164,20 @@ def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root
     # The evaluation trains 2 seeds of each of 5 links for 6 x 16 epochs.
     assert {stage.name: stage.epochs for stage in stages}["evaluate"] == 2 * 5 * 96
     assert sum(stage.epochs for stage in stages) == total_epochs(params) + 2 * 5 * 96
-    rungs = planned_rungs(params, tmp_path)
+    rungs = planned_bars(params, tmp_path)
     # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; the evaluation alone is trained after the last rung.
     assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16 + 2 * 5 * 96
     assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 5 * 96
 
 
-def planned_rungs(params, tmp_path):
+def planned_bars(params, tmp_path):
     write_plan(tmp_path / "plan.json", params)
-    return json.loads((tmp_path / "plan.json").read_text())["rungs"]
+    return json.loads((tmp_path / "plan.json").read_text())["bars"]
 
 
 def test_each_link_of_the_evaluation_is_in_the_plan_with_what_comes_after_it(params, tmp_path):
     three = dataclasses.replace(params, evaluate=dataclasses.replace(params.evaluate, seeds=3))
-    rungs = planned_rungs(three, tmp_path)
+    rungs = planned_bars(three, tmp_path)
     found = {label: rung for label, rung in rungs.items() if "evaluation" in label}
     # 3 seeds x 96 epochs a link; evaluate is the last stage but one of 94.
     assert found == {f"evaluation, iteration {n}": {"stage": 93, "epochs_after": (5 - n) * 3 * 96} for n in range(1, 6)}
@@ -200,7 +185,7 @@ def test_each_link_of_the_evaluation_is_in_the_plan_with_what_comes_after_it(par
 
 def test_where_nothing_is_fused_one_link_is_evaluated_whichever_iteration_it_is_of(params, tmp_path):
     alone = dataclasses.replace(params, fuse=dataclasses.replace(params.fuse, policy="random"))
-    rungs = planned_rungs(alone, tmp_path)
+    rungs = planned_bars(alone, tmp_path)
     assert [rungs[f"evaluation, iteration {n}"]["epochs_after"] for n in range(1, 6)] == [0] * 5
     assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 96
 
