@@ -18,6 +18,7 @@ from porse.documents import parse_yaml
 from porse.errors import ParamsError, PorseError
 from porse.estimate import REPAIRS, estimated, planned_questions
 from porse.llm.store import Store
+from porse.plan import EVALUATE, planned
 from porse.search.elimination import how_many_go_on
 from porse.search.lengths import alpha_is_searched, rung_epochs
 from porse.search.schedule import first_candidates, is_searched, mutants, total_epochs, work
@@ -110,11 +111,10 @@ def effort_of(params: Params, measured: Measured, at_once: int, crowd: int, repl
     epoch_s = epoch_steps * measured.step_s
     costs = [cost for entry in params.iterations for cost in work(params, entry.n) if cost.candidates]
     rounds_s = [rung_s(cost.candidates, cost.epochs / cost.candidates * epoch_s, at_once, crowd) for cost in costs]
-    links = sum(is_searched(params, entry.n) for entry in params.iterations)
+    [links] = [stage.bars for stage in planned(params) if stage.name == EVALUATE]
     link = max(rung.until for rung in params.rungs) * rung_epochs(params)
-    seeds = params.evaluate.seeds
-    evaluation_s = links * rung_s(seeds, link * epoch_s, at_once, crowd)
-    search, evaluation = total_epochs(params), links * seeds * link
+    evaluation_s = len(links) * rung_s(params.evaluate.seeds, link * epoch_s, at_once, crowd)
+    search, evaluation = total_epochs(params), sum(bar.epochs for bar in links)
     return Effort(
         search_epochs=search,
         evaluation_epochs=evaluation,

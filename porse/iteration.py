@@ -70,7 +70,7 @@ def run(params: Params, place: Place, check: Check, say: Say) -> None:
         raise PorseError(
             f"expected a folder without a run in it, found {', '.join(found)} in {place.folder}; name another folder"
         )
-    begin(params, place.of(1, "start"))
+    say(begin(params, place.of(1, "start")))
     for entry in params.iterations:
         iterate(params, entry, place, check, say)
     evaluation, metrics = place.folder / "evaluation", place.folder / "metrics.json"

@@ -6,7 +6,7 @@ Nothing is hashed but the inputs, so that the answer takes a second; `dvc status
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from porse.config import load_document, parse_params
 from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
-from porse.plan import Planned, planned
+from porse.plan import EVALUATE, Planned, planned
 from porse.repair import at_work
 
 HOW_ON = {
@@ -38,7 +38,7 @@ class Status:
         stages: stages in all.
         next: the stage that is at work or comes next; empty where all are done.
         epochs_done: epochs of the stages that are done; those of the evaluation are not counted.
-        epochs: epochs in all.
+        epochs: epochs of all stages, without those either.
     """
 
     state: str
@@ -87,9 +87,14 @@ def status_of(root: Path) -> Status:
         len(done),
         len(stages),
         left[0].name if left else "",
-        sum(stage.epochs for stage in done),
-        sum(stage.epochs for stage in stages),
+        _searched(done),
+        _searched(stages),
     )
+
+
+def _searched(stages: Sequence[Planned]) -> int:
+    """Returns the epochs of the search: how many the evaluation takes, only the winning lineage tells."""
+    return sum(stage.epochs for stage in stages if stage.name != EVALUATE)
 
 
 def status_text(found: Status) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from porse.stage import StageCommand, begin, folder, run_stage, write_manifest
+from porse.stage import StageCommand, begin, folder, run_stage, say, write_manifest
 
 
 @click.command(cls=StageCommand)
@@ -15,7 +15,7 @@ def main(out: Path) -> None:
     write_manifest()
     from porse.steps.begin import begin as begin_run
 
-    begin_run(params, out)
+    say(begin_run(params, out))
 
 
 if __name__ == "__main__":

@@ -6,18 +6,14 @@ terminal (SVG, by rich) and of the report (PNG, by Chromium; see tests/browser.p
 Python. What the terminals said is kept in FOLDER/said, so that a second call with the same folder draws without running again.
 """
 
-import fcntl
 import io
 import itertools
 import json
 import os
-import pty
 import re
-import struct
 import subprocess
 import sys
-import termios
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +24,7 @@ from rich.style import Style
 from rich.text import Text
 
 from browser import browser
+from terminal import on_a_terminal
 from tiny import QUIET, ROOT
 
 COLUMNS, ROWS = 100, 32
@@ -104,45 +101,15 @@ SHOTS = {
 }
 
 
-def typed(command: str, folder: Path, environment: dict[str, str]) -> Iterator[bytes]:
-    """Types a command into a shell in a terminal; yields what it writes, piece by piece.
-
-    Raises:
-        SystemExit: the command failed.
-    """
-    main_end, own_end = pty.openpty()
-    fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
-    process = subprocess.Popen(
-        ["bash", "-c", command],
-        cwd=folder,
-        env=environment,
-        stdin=own_end,
-        stdout=own_end,
-        stderr=own_end,
-        start_new_session=True,
-    )
-    os.close(own_end)
-    while True:
-        try:
-            piece = os.read(main_end, 65536)
-        except OSError:
-            # Linux says so that the other end is closed.
-            break
-        if not piece:
-            break
-        yield piece
-    os.close(main_end)
-    if process.wait():
-        sys.exit(f"{command} ended with {process.returncode}")
-
-
 def record(step: Step, number: int, folder: Path, said: Path, environment: dict[str, str]) -> None:
     """Runs a step, unless it was, and keeps what the terminal was told."""
     target = said / f"{number}.bin"
     if target.is_file():
         return
     print(f"[{number}/{len(STEPS)}] {step.command}", flush=True)
-    pieces = [*typed(step.command, folder, environment)]
+    code, pieces = on_a_terminal(["bash", "-c", step.command], ROWS, COLUMNS, environment, folder)
+    if code:
+        sys.exit(f"{step.command} ended with {code}")
     target.write_bytes(json.dumps([piece.hex() for piece in pieces]).encode())
 
 

@@ -1,7 +1,5 @@
-import contextlib
 import json
 import os
-import pty
 import subprocess
 import sys
 
@@ -13,6 +11,7 @@ from click.testing import CliRunner
 from porse import tables
 from porse.cli import main
 from porse.task_names import TAGS, TASK_CLASSES, TASK_TAGS
+from terminal import on_a_terminal
 from tiny import BIN, committed_params
 
 
@@ -122,28 +121,12 @@ def test_results_without_a_run_say_what_to_do(tmp_path):
     assert "iterations.parquet, found no such file; run `dvc repro` to make it" in done.output
 
 
-def on_a_terminal(words, columns):
-    """Runs a command with a terminal of that width for its output and errors, and returns what it wrote there."""
-    ours, its = pty.openpty()
-    process = subprocess.Popen(
-        [BIN / "porse", *words], stdout=its, stderr=its, env={**os.environ, "COLUMNS": str(columns)}
-    )
-    os.close(its)
-    written = b""
-    # Linux ends the reading with an error once nobody holds the other end.
-    with contextlib.suppress(OSError):
-        while part := os.read(ours, 65536):
-            written += part
-    process.wait()
-    os.close(ours)
-    return written.decode().replace("\r\n", "\n")
-
-
 @pytest.mark.parametrize(
     "words", [["tables"], ["methods"], ["tasks", "--tag", "door"], ["params", "--params", "no.yaml"]]
 )
 def test_output_is_wrapped_at_the_width_of_a_terminal_and_whole_elsewhere(words):
-    wrapped = on_a_terminal(words, 70)
+    _, pieces = on_a_terminal([BIN / "porse", *words], 24, 70, os.environ)
+    wrapped = b"".join(pieces).decode().replace("\r\n", "\n")
     assert max(map(len, wrapped.splitlines())) <= 70
     plain = CliRunner().invoke(main, words).output
     assert max(map(len, plain.splitlines())) > 70

@@ -524,7 +524,7 @@ def clock(monkeypatch):
 
 def told(label, monkeypatch, tmp_path, clock, reports):
     """A rung of 3 candidates and 3 epochs of 100 steps, the third of 9 stages, with 20 epochs after it; seen 10 s after its start."""
-    plan = {"rungs": {"rung 1": {"stage": 3, "epochs_after": 20}}, "stages": 9, "epochs": 30}
+    plan = {"bars": {"rung 1": {"stage": 3, "epochs_after": 20}}, "stages": 9, "epochs": 30}
     (tmp_path / "plan.json").write_text(json.dumps(plan))
     monkeypatch.setenv(PLAN_VARIABLE, str(tmp_path / "plan.json"))
     with RungBar(label, 3, 3, 100) as bar:

@@ -1,6 +1,7 @@
 """What a training means: the total reward, PPO's construction, GAE by pencil, and who is trained with which draws."""
 
 import dataclasses
+import json
 import math
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from porse.errors import CheckpointError
 from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
 from porse.functions.verdict import CodeError
 from porse.identity import seed_for
+from porse.plan import write_plan
 from porse.pool import Pool, policy_file, read_pool, write_pool
 from porse.training import candidate as candidate_module
 from porse.training import evaluation as evaluation_module
@@ -1058,12 +1060,15 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
         ("evaluation, iteration 1", 2, 12),
         ("evaluation, iteration 4", 2, 12),
     ]
+    # the plan knows both by name: else their bars would have no stage
+    write_plan(tmp_path / "plan.json", five)
+    assert {entry[0] for entry in Bar.shown} <= json.loads((tmp_path / "plan.json").read_text())["bars"].keys()
     links = pretended.jobs
     for number in (1, 2):
         run_seed = named(f'[5,"evaluate",{number}]')
         assert [jobs[number - 1].name for jobs in links] == [
-            f"first with seed {run_seed}",
-            f"second with seed {run_seed}",
+            f"first seed {number}",
+            f"second seed {number}",
         ]
         assert links[0][number - 1].seed == named(f'[{run_seed},"training",1]')
         assert links[1][number - 1].seed == named(f'[{run_seed},"training",4]')

@@ -1,26 +1,25 @@
 """Progress looks on: what a bar says, what the plan knows, and where a pipeline is."""
 
-import contextlib
-import fcntl
+import dataclasses
 import json
 import os
-import pty
 import re
-import struct
 import subprocess
 import sys
-import termios
 
 import pytest
 from click.testing import CliRunner
 
 from porse import status as status_module
 from porse.cli import main
+from porse.config import load_document
+from porse.inputs.resolve import resolve_inputs
 from porse.plan import planned, write_plan
 from porse.search.schedule import total_epochs
 from porse.stage import say
 from porse.training.bar import RungBar, in_words
 from porse.training.job import Ended, Outcome, Report
+from terminal import on_a_terminal
 
 
 @pytest.fixture(autouse=True)
@@ -86,46 +85,60 @@ def test_a_stage_says_a_line_with_its_number_as_the_mode_wants_it(mode, line, ca
     assert capsys.readouterr().out == line
 
 
+def test_stage_begin_says_a_line_with_its_number(params, root, tmp_path):
+    """The stage itself, in a folder that has the project's files."""
+    for name in ("porse", "stages", "requirements.lock"):
+        (tmp_path / name).symlink_to(root / name)
+    document = load_document(root / "params.yaml")
+    (tmp_path / "begin.json").write_text(resolve_inputs(root, document, "params.yaml")["begin"].render())
+    write_plan(tmp_path / "plan.json", params)
+    done = subprocess.run(
+        [sys.executable, "-m", "stages.begin", "--inputs", "begin.json", "--out", "start"],
+        cwd=tmp_path, env=os.environ | {"PORSE_PLAN": "plan.json", "DVC_STAGE": "begin"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "[2/94] iteration 1: no winner yet, a random policy\n"), done.stderr
+    assert (tmp_path / "start" / "winner.parquet").is_file()
+
+
 RUNG_ON_A_TERMINAL = """
 import sys
 from porse.training.bar import RungBar
 from porse.training.job import Report
-with RungBar("iteration 2 rung mutants", 2, 6, 100) as bar:
+label, *names = sys.argv[1:]
+with RungBar(label, 2, 6, 100) as bar:
     for epoch, fitness in enumerate((-10.5, -110.25), 1):
-        for name in ("0123456789ab", "ba9876543210"):
+        for name in names:
             bar.tell(Report(name, epoch, fitness))
     bar._bars._progress.refresh()
 """
 
 
+@pytest.mark.parametrize(
+    ("label", "names"),
+    [
+        ("iteration 2 rung mutants", ("0123456789ab", "ba9876543210")),
+        ("evaluation, iteration 2", ("0123456789ab seed 1", "0123456789ab seed 2")),
+    ],
+)
 @pytest.mark.parametrize("rows", [24, 6])
-def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, params, tmp_path):
+def test_on_a_terminal_of_80_columns_nothing_is_cut(rows, label, names, params, tmp_path):
     """A real terminal. Of six rows, the candidates get none."""
     write_plan(tmp_path / "plan.json", params)
-    main_end, own_end = pty.openpty()
-    fcntl.ioctl(own_end, termios.TIOCSWINSZ, struct.pack("HHHH", rows, 80, 0, 0))
-    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
-    process = subprocess.Popen(
-        [sys.executable, "-c", RUNG_ON_A_TERMINAL], stdout=own_end, stdin=own_end, stderr=subprocess.STDOUT,
-        env=environment | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"},
-    )  # fmt: skip
-    os.close(own_end)
-    written = b""
-    # Linux says that the other end is closed by an error.
-    with contextlib.suppress(OSError):
-        while piece := os.read(main_end, 65536):
-            written += piece
-    assert process.wait() == 0
-    os.close(main_end)
+    environment = os.environ | {"PORSE_PLAN": str(tmp_path / "plan.json"), "TERM": "xterm-256color"}
+    code, pieces = on_a_terminal([sys.executable, "-c", RUNG_ON_A_TERMINAL, label, *names], rows, 80, environment)
+    written = b"".join(pieces)
+    assert code == 0, written
     lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", written.decode()).replace("\r", "\n").splitlines()
     assert max(len(line) for line in lines if "━" in line) <= 80
     text = "\n".join(re.sub("[━╸╺ ]+", " ", line).strip() for line in lines)
-    # Two epochs of each of both; before this rung come the whole first iteration, and two rungs of the second.
-    assert re.search(r"^iteration 2 rung mutants 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
-    assert re.search(rf"^stage \d+ of 94 \d+/{total_epochs(params)} .* left over all$", text, re.MULTILINE)
-    assert ("0123456789ab 2/3 best fitness -10.500" in text) == (rows == 24)
+    # Two epochs of each of both.
+    assert re.search(rf"^{label} 4/6 [\d,]+ steps/s, best fitness -10.500$", text, re.MULTILINE)
+    # The evaluation is 2 seeds x 5 links x 96 epochs.
+    whole = total_epochs(params) + 2 * 5 * 96
+    assert re.search(rf"^stage \d+ of 94 \d+/{whole} .* left over all$", text, re.MULTILINE)
+    assert (f"{names[0]} 2/3 best fitness -10.500" in text) == (rows == 24)
     # The bars go, and a line stays.
-    assert re.search(r"\] iteration 2 rung mutants: 2 candidates, 4 epochs, ", text)
+    assert re.search(rf"\] {label}: 2 candidates, 4 epochs, ", text)
 
 
 def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root, tmp_path):
@@ -148,12 +161,44 @@ def test_the_plan_has_all_stages_in_order_and_the_epochs_after_each(params, root
         assert not (set(found[stage.name]["deps"]) & to_come) - made, stage.name
         made |= {path for path in found[stage.name]["outs"] if isinstance(path, str)}
     assert len(made) > 90
-    assert sum(stage.epochs for stage in stages) == total_epochs(params)
+    # The evaluation trains 2 seeds of each of 5 links for 6 x 16 epochs.
+    assert {stage.name: stage.epochs for stage in stages}["evaluate"] == 2 * 5 * 96
+    assert sum(stage.epochs for stage in stages) == total_epochs(params) + 2 * 5 * 96
+    rungs = planned_bars(params, tmp_path)
+    # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; the evaluation alone is trained after the last rung.
+    assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16 + 2 * 5 * 96
+    assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 5 * 96
+
+
+def planned_bars(params, tmp_path):
     write_plan(tmp_path / "plan.json", params)
-    rungs = json.loads((tmp_path / "plan.json").read_text())["rungs"]
-    # Rung 1 of iteration 1 trains 6 candidates for 16 epochs; nothing is trained after the last rung.
-    assert rungs["iteration 1 rung 1"]["epochs_after"] == total_epochs(params) - 6 * 16
-    assert rungs["iteration 5 rung 6"]["epochs_after"] == 0
+    return json.loads((tmp_path / "plan.json").read_text())["bars"]
+
+
+def test_each_link_of_the_evaluation_is_in_the_plan_with_what_comes_after_it(params, tmp_path):
+    three = dataclasses.replace(params, evaluate=dataclasses.replace(params.evaluate, seeds=3))
+    rungs = planned_bars(three, tmp_path)
+    found = {label: rung for label, rung in rungs.items() if "evaluation" in label}
+    # 3 seeds x 96 epochs a link; evaluate is the last stage but one of 94.
+    assert found == {f"evaluation, iteration {n}": {"stage": 93, "epochs_after": (5 - n) * 3 * 96} for n in range(1, 6)}
+
+
+def test_where_nothing_is_fused_one_link_is_evaluated_whichever_iteration_it_is_of(params, tmp_path):
+    alone = dataclasses.replace(params, fuse=dataclasses.replace(params.fuse, policy="random"))
+    rungs = planned_bars(alone, tmp_path)
+    assert [rungs[f"evaluation, iteration {n}"]["epochs_after"] for n in range(1, 6)] == [0] * 5
+    assert rungs["iteration 5 rung 6"]["epochs_after"] == 2 * 96
+
+
+def test_a_bar_of_the_evaluation_has_its_stage_and_the_time_left_over_all(capsys, monkeypatch, params, tmp_path):
+    write_plan(tmp_path / "plan.json", params)
+    monkeypatch.setenv("PORSE_PLAN", str(tmp_path / "plan.json"))
+    shown(FALLING, "evaluation, iteration 4")
+    assert capsys.readouterr().out.startswith("[93/94] evaluation, iteration 4: 2 candidates, 4 epochs, ")
+    monkeypatch.setenv("PORSE_PROGRESS", "json")
+    shown(FALLING, "evaluation, iteration 4")
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (last["stage"], last["stages"], last["seconds_left"] is not None) == (93, 94, True)
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(9.6, "10 s"), (95, "2 min"), (7500, "2 h 5 min")])

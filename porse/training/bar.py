@@ -179,7 +179,7 @@ def _planned(label: str) -> tuple[int, int, int, int]:
     """Returns the stage of a rung, the number of stages, the epochs that come after it and those of the whole run; zeros without a plan."""
     try:
         plan = json.loads(Path(os.environ[PLAN_VARIABLE]).read_text(encoding="utf-8"))
-        return plan["rungs"][label]["stage"], plan["stages"], plan["rungs"][label]["epochs_after"], plan["epochs"]
+        return plan["bars"][label]["stage"], plan["stages"], plan["bars"][label]["epochs_after"], plan["epochs"]
     except (KeyError, OSError, ValueError):
         # A bar without a plan shows its rung alone.
         return 0, 0, 0, 0

@@ -32,7 +32,7 @@ def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) ->
     alive, rows = sorted(seeds), list[Row]()
     ends = {number: {"seed": number, "links": len(chain), "failure": ""} for number in alive}
     for index, link in enumerate(chain):
-        jobs = [_job(chain, index, seeds[number], until, scratch / str(number)) for number in alive]
+        jobs = [_job(chain, index, number, seeds[number], until, scratch / str(number)) for number in alive]
         with rung_bar(params, f"evaluation, iteration {link['iteration']}", len(jobs), len(jobs) * until) as bar:
             outcomes = train_pool(jobs, params, bar.tell)
         results = dict(zip(alive, outcomes, strict=True))
@@ -47,8 +47,8 @@ def _with_seed(params: Params, number: int) -> Params:
     return params.with_seed(evaluation_seed(params, number))
 
 
-def _job(chain: Sequence[Row], index: int, params: Params, until: int, folder: Path) -> Job:
-    """Returns the training of one link with one seed, after writing the policy that it starts from."""
+def _job(chain: Sequence[Row], index: int, number: int, params: Params, until: int, folder: Path) -> Job:
+    """Returns the training of one link with further seed `number`, that of `params`, after writing the policy that it starts from."""
     link = chain[index]
     random = random_policy(params, link["iteration"])
     start = folder / f"start-{index}.safetensors"
@@ -57,7 +57,7 @@ def _job(chain: Sequence[Row], index: int, params: Params, until: int, folder: P
     else:
         before = read_checkpoint(_finish(folder, index - 1)).policy()
         write_checkpoint(start, policy_checkpoint(fuse(before, random.policy(), link["alpha"])))
-    name = f"{link['candidate_id']} with seed {params.seed}"
+    name = f"{link['candidate_id']} seed {number}"
     return dataclasses.replace(job_for(link, start, until, params, folder), name=name, finish=_finish(folder, index))
 
 
