@@ -52,9 +52,9 @@ class Step:
 
 STEPS = (
     Step(
-        "`make demo` sets up `.venv` (left out here: it was there) and runs the whole way at tiny size: rewards and mappings, the "
-        "population's trainings, eliminations, mutants, the winner's evaluation, its film, the report. Recorded replies answer, and "
-        "where there is none, a seeded grammar does.",
+        "`make demo` sets up `.venv` (left out here: it was there) and runs everything at tiny size: rewards and mappings, the "
+        "population's trainings, eliminations, mutants, the winner's evaluation, its film, the report. Recorded replies answer; a "
+        "seeded grammar answers the other questions.",
         "make demo",
         "demo",
         "best fitness",
@@ -189,10 +189,8 @@ def page(said: Path) -> str:
     parts = [
         "# The first ten minutes",
         "",
-        "What a newcomer types in a fresh clone, and sees. Written by `python tests/first_ten_minutes.py`, in a terminal of "
-        f"{COLUMNS} columns,",
-        "from a clone, and not by hand. The environment was activated (`. .venv/bin/activate`). The machine was shared with other",
-        "work, so that the speeds on this page say nothing.",
+        "This page shows what a newcomer types in a fresh clone, and sees. `python tests/first_ten_minutes.py` recorded it in a",
+        f"terminal of {COLUMNS} columns, on two cores. The environment was activated (`. .venv/bin/activate`).",
     ]
     for number, step in enumerate(STEPS, 1):
         parts += [
