@@ -14,7 +14,7 @@ from porse.pipeline import check_pipeline
 
 LAYERS: list[set[str]] = [
     {"errors", "helpers", "identity", "processes", "task_names", "variables"},
-    {"paths"},
+    {"paths", "printing"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"presets"},
     {"config"},
@@ -31,6 +31,7 @@ LAYERS: list[set[str]] = [
     {"show", "status", "suite"},
     {"reporting"},
     {"doctor", "demo", "experiments", "export", "init", "published"},
+    {"commands"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

@@ -1,0 +1,1 @@
+"""Commands about the project itself: what there is, how it runs, and what came out."""
