@@ -62,7 +62,7 @@ gpu: .venv/gpu
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-gpu.lock
 	@touch $@
 
-# On the processor, and on a GPU where there is one. The first time compiles kernels for half an hour.
+# On the processor, and on a GPU where there is one. The first time compiles kernels for ten minutes.
 test-gpu: gpu
 	$(BIN)/pytest -m "gpu or warp" --timeout 3600
 
