@@ -1,7 +1,6 @@
 """What the table of learning says, with numbers worked out by hand; and the committed one is of the suite's runs."""
 
 import csv
-import shutil
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,17 @@ from click.testing import CliRunner
 from meaning_cases import row_of
 from porse import tables
 from porse.report.calibration import random_actions, zero_actions
-from porse.report.learning import COLUMNS, Learned, learned, learning_row, main, published_return, trivial_fitness
+from porse.report.learning import (
+    COLUMNS,
+    CURVE_COLUMNS,
+    Learned,
+    learned,
+    learning_curve,
+    learning_row,
+    main,
+    published_return,
+    trivial_fitness,
+)
 from porse.task_names import TASK_CLASSES, TASK_TAGS
 from tiny import committed_params
 
@@ -45,6 +54,30 @@ def test_a_run_is_its_first_and_last_ten_epochs_and_the_return_of_the_last(tmp_p
     # 1 to 12: the first ten have mean 5.5, the last ten 7.5; 0.5 a step for 30 steps is 15.
     run = learned(written(tmp_path / "a", "Over", 1, [float(n) for n in range(1, 13)], 480, 0.75))
     assert run == Learned("Over", 480, 5.5, 7.5, 12.0, 0.75, 15.0)
+
+
+def test_a_curve_has_the_mean_of_each_stretch_at_the_steps_of_its_end(tmp_path: Path) -> None:
+    # 75 epochs in 30 stretches: two epochs and three by turns, and the first has 1 and 2.
+    fitness = [float(n) for n in range(1, 76)]
+    result = written(tmp_path / "a", "Over", 3, fitness, 7500, 0.0)
+    curves = tables.read(result / "results" / "curves.parquet", tables.CURVES)
+    # In the third epoch no episode ends, and in the last stretch none does.
+    lengths = {1: 7.0, 2: 3.0, **dict.fromkeys(range(4, 73), 30.0)}
+    rows = [row for row in curves if row["series"] == "fitness"] + [
+        {"iteration": 1, "rung": "1", "candidate_id": "x", "series": name, "epoch": epoch, "value": value}
+        for name, values in (
+            ("goal", {**dict.fromkeys(range(1, 76), 0.5), 1: 9.0, 2: 1.0}),
+            ("episode_length", lengths),
+        )
+        for epoch, value in values.items()
+    ]
+    tables.write(result / "results" / "curves.parquet", tables.CURVES, rows)
+    points = learning_curve(result, 7500)
+    assert len(points) == 30
+    # Five a step for five steps.
+    assert points[0] == {"task": "Over", "seed": 3, "steps": 200, "fitness": "1.5", "return": "25"}
+    assert points[1] == {"task": "Over", "seed": 3, "steps": 500, "fitness": "4", "return": "15"}
+    assert points[-1] == {"task": "Over", "seed": 3, "steps": 7500, "fitness": "74", "return": ""}
 
 
 def run_of(task: str, end: float, returned: float = 0.0, steps: int = 480) -> Learned:
@@ -105,14 +138,17 @@ def test_the_command_writes_a_row_for_each_task_with_finished_runs(tmp_path: Pat
     for seed, end in ((1, -0.5), (2, -0.3)):
         written(results / f"q{seed}", "Quadcopter", seed, [-1.5] * 2 + [end] * 10, 4096, end)
     (written(results / "unfinished", "Anymal", 1, [0.0] * 12, 1, 0.0) / "done.json").unlink()
-    done = CliRunner().invoke(main, [str(results), str(tmp_path / "out.csv")], catch_exceptions=False)
+    done = CliRunner().invoke(main, [str(results), str(tmp_path)], catch_exceptions=False)
     assert done.exit_code == 0
-    rows = list(csv.DictReader((tmp_path / "out.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((tmp_path / "learning.csv").read_text().splitlines()))
     assert [tuple(row) for row in rows] == [COLUMNS]
     assert [rows[0][name] for name in ("task", "seeds", "steps", "end", "lowest", "final", "paper", "holds")] == [
         "Quadcopter", "2", "4096", "-0.4", "-0.5", "-0.4", "-0.067", "yes",
     ]  # fmt: skip
-    shutil.rmtree(results)
+    points = list(csv.DictReader((tmp_path / "learning-curves.csv").read_text().splitlines()))
+    assert len(points) == 2 * 12
+    assert tuple(points[0]) == CURVE_COLUMNS
+    assert [(point["task"], point["seed"]) for point in points[11:13]] == [("Quadcopter", "1"), ("Quadcopter", "2")]
 
 
 def test_the_suite_has_every_task_and_the_table_no_other_runs() -> None:

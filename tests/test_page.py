@@ -638,7 +638,7 @@ def test_an_installed_package_has_the_pages_templates(root):
     assert declared["porse.report.paper"] == ["*.csv"]
     assert declared["porse.reporting"] == ["pages/*"]
     found = {path.name for path in (root / "porse" / "report" / "pages").iterdir()}
-    assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "style.css"}
+    assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "charts.css", "chart.svg.jinja", "style.css"}
 
 
 # The film.

@@ -1,15 +1,19 @@
 """The documented observation ranges are the code's, the pages are current, and the pictures show something."""
 
+import math
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import torch
 
 from porse.picture import write_png
+from porse.report.charts import Chart, Line
+from porse.report.svg import svg
 from porse.report.task_layout import layout
-from porse.report.task_pages import PAGES, PICTURES, pages
+from porse.report.task_pages import PAGES, PICTURES, TRAINED, charts, pages
 from porse.task_names import TASK_TAGS
 from porse.tasks import TASKS, make_task
 
@@ -58,15 +62,70 @@ def written():
 
 def test_there_is_a_page_for_every_task_and_for_nothing_else(written):
     assert {path.stem for path in (DOCS / PAGES).iterdir()} == set(TASKS)
-    assert set(written) == {"tasks.md", *(f"{PAGES}/{name}.md" for name in TASKS)}
+    assert {name for name in written if name.endswith(".md")} == {
+        "tasks.md",
+        "learned.md",
+        *(f"{PAGES}/{name}.md" for name in TASKS),
+    }
 
 
-@pytest.mark.parametrize("name", ["tasks.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
+def test_the_charts_are_current_and_there_are_no_others(written):
+    drawn = {name for name in written if name.startswith(f"{TRAINED}/")}
+    assert drawn == {f"{TRAINED}/{path.name}" for path in (DOCS / TRAINED).glob("*.svg")}
+    for name in drawn:
+        assert (DOCS / name).read_text(encoding="utf-8") == written[name], "run: python -m porse.report.task_pages docs"
+
+
+ROWS = [
+    {"task": "Over", "seed": seed, "steps": steps, "fitness": fitness, "return": returned}
+    for seed, steps, fitness, returned in (
+        ("1", "60000", "0.1", "2"),
+        ("1", "120000", "0.3", ""),
+        ("2", "60000", "0.2", "5"),
+        ("2", "120000", "0.4", "7"),
+    )
+]
+
+
+def test_a_task_has_a_line_for_each_seed_and_the_published_return_as_far_as_the_first_point_beyond_ours():
+    found = charts("Over", ROWS)
+    assert sorted(found) == ["Over-return.svg", "Over.svg"]
+    fitness, returns = found["Over.svg"], found["Over-return.svg"]
+    assert [(line.name, list(line.points)) for line in fitness.lines] == [
+        ("seed 1", [(60.0, 0.1), (120.0, 0.3)]),
+        ("seed 2", [(60.0, 0.2), (120.0, 0.4)]),
+    ]
+    assert math.isnan(returns.lines[0].points[1][1])
+    assert list(returns.lines[1].points) == [(60.0, 5.0), (120.0, 7.0)]
+    theirs = returns.lines[2]
+    assert theirs.name == "Bi-DexHands' PPO"
+    steps, mean = zip(*theirs.points, strict=True)
+    # Over's curve has points at 117 965 steps, 1.115, and at 4 476 109, 6.27.
+    assert steps[-2:] == (117.965, 4476.109)
+    assert mean[-2:] == pytest.approx((1.115, 6.27), abs=1e-3)
+    _, low, high = theirs.band[-1]
+    assert low < mean[-1] < high
+    assert low + high == pytest.approx(2 * mean[-1])
+    assert list(charts("Pen", ROWS)) == ["Pen.svg"]
+
+
+def test_a_chart_is_a_file_of_its_own_that_names_its_lines_and_runs_nothing():
+    shown = svg(Chart("a & <b>", "steps", "F", [Line("seed <1>", [(0.0, 0.0), (10.0, 2.0)]), Line("2", [(0.0, 1.0)])]))
+    root = ElementTree.fromstring(shown)
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.get("aria-label") == "a & <b>"
+    words = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert words[:2] == ["seed <1>", "2"]
+    assert words[-2:] == ["steps", "F"]
+    assert "script" not in shown
+
+
+@pytest.mark.parametrize("name", ["tasks.md", "learned.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
 def test_a_page_is_current(written, name):
     assert (DOCS / name).read_text(encoding="utf-8") == written[name], "run: python -m porse.report.task_pages docs"
 
 
-@pytest.mark.parametrize("name", ["tasks.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
+@pytest.mark.parametrize("name", ["tasks.md", "learned.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
 def test_what_a_page_links_to_is_there(written, name):
     links = re.findall(r"\]\(([^)#]+)\)", written[name])
     assert len(links) >= 2

@@ -1,4 +1,6 @@
-"""What the human rewards teach, one row for each task of a suite: `python -m porse.report.learning RESULTS CSV`.
+"""What the human rewards teach, as tables from the runs of a suite: `python -m porse.report.learning RESULTS docs`.
+
+One table has a row for each task, the other the curve of each run.
 
 Fitness is that of training epochs, of a policy that explores, and of whole episodes: of zero action, of random actions
 N(0, 0.8) and of the trained policy's mean action. A task learns where its last epochs are clearly above both policies that
@@ -14,7 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from statistics import fmean
 
@@ -35,6 +37,12 @@ COLUMNS = (
     "lowest", "mts", "final", "return", "published_return", "published_std", "return_holds",
 )  # fmt: skip
 
+CURVE_COLUMNS = ("task", "seed", "steps", "fitness", "return")
+
+TABLE, CURVES = "learning.csv", "learning-curves.csv"
+
+STRETCHES = 30
+"""Of a run's epochs, each a point of its curve: the mean over it."""
 EPOCHS = 10
 """How many first and last epochs are averaged."""
 ENVS = 128
@@ -74,20 +82,60 @@ def learned(result: Path) -> Learned:
     """
     iterations = tables.read(result / "results" / "iterations.parquet", tables.ITERATIONS)
     episodes = tables.read(result / "results" / "episodes.parquet", tables.EPISODES)
-    curves = tables.read(result / "results" / "curves.parquet", tables.CURVES)
-    series: dict[str, list[float]] = {"fitness": [], "goal": [], "episode_length": []}
-    for row in sorted(curves, key=lambda row: row["epoch"]):
-        if row["series"] in series:
-            series[row["series"]].append(row["value"])
+    fitness, rewards, lengths = _series(result)
     return Learned(
         task=load_params(result / "params.yaml").task,
         steps=sum(row["environment_steps"] for row in iterations),
-        start=fmean(series["fitness"][:EPOCHS]),
-        end=fmean(series["fitness"][-EPOCHS:]),
+        start=fmean(fitness[:EPOCHS]),
+        end=fmean(fitness[-EPOCHS:]),
         mts=max(row["mts"] for row in iterations),
         final=fmean(row["outcome"] for row in episodes),
-        returned=fmean(series["goal"][-EPOCHS:]) * fmean(series["episode_length"][-EPOCHS:]),
+        returned=_mean_return(rewards[-EPOCHS:], lengths[-EPOCHS:]),
     )
+
+
+def learning_curve(result: Path, steps: int) -> list[Row]:
+    """Returns the curve of a finished run: fitness and return, each the mean over one of `STRETCHES` equal stretches.
+
+    The return of a stretch in which no episode ended is empty.
+
+    Args:
+        result: a folder with the run's `params.yaml` and `results/`.
+        steps: environment steps of the whole training; a point stands at the end of its stretch.
+    """
+    params = load_params(result / "params.yaml")
+    fitness, rewards, lengths = _series(result)
+    ends = [number * len(fitness) // STRETCHES for number in range(STRETCHES + 1)]
+    return [
+        {
+            "task": params.task,
+            "seed": params.seed,
+            "steps": steps * end // len(fitness),
+            "fitness": _short(fmean(fitness[start:end])),
+            "return": _short(_mean_return(rewards[start:end], lengths[start:end])),
+        }
+        for start, end in pairwise(ends)
+        if start < end
+    ]
+
+
+def _series(result: Path) -> tuple[list[float], list[float], list[float]]:
+    """Returns fitness, mean reward of a step, and mean length of episodes (nan where none ended), in the order of epochs."""
+    curves = tables.read(result / "results" / "curves.parquet", tables.CURVES)
+    found: dict[str, dict[int, float]] = {"fitness": {}, "goal": {}, "episode_length": {}}
+    for row in curves:
+        if row["series"] in found:
+            found[row["series"]][row["epoch"]] = row["value"]
+    fitness, rewards, lengths = (
+        [found[name].get(epoch, math.nan) for epoch in sorted(found["goal"])] for name in found
+    )
+    return fitness, rewards, lengths
+
+
+def _mean_return(rewards: Sequence[float], lengths: Sequence[float]) -> float:
+    """Returns the mean return of the episodes of some epochs: nan where none ended."""
+    ended = [length for length in lengths if not math.isnan(length)]
+    return fmean(rewards) * fmean(ended) if ended else math.nan
 
 
 def learning_row(runs: Sequence[Learned], zero: float, random: float) -> Row:
@@ -124,7 +172,7 @@ def learning_row(runs: Sequence[Learned], zero: float, random: float) -> Row:
 
 def published_return(task: str, steps: int) -> tuple[float, float] | None:
     """Returns mean and deviation of Bi-DexHands' PPO after so many steps; None where its curve has no points around them."""
-    for (before, *low), (after, *high) in pairwise(_curves().get(task, ())):
+    for (before, *low), (after, *high) in pairwise(published_curves().get(task, ())):
         if before <= steps <= after:
             share = (steps - before) / (after - before)
             mean, std = (a + share * (b - a) for a, b in zip(low, high, strict=True))
@@ -133,7 +181,8 @@ def published_return(task: str, steps: int) -> tuple[float, float] | None:
 
 
 @cache
-def _curves() -> Mapping[str, Sequence[tuple[float, float, float]]]:
+def published_curves() -> Mapping[str, Sequence[tuple[float, float, float]]]:
+    """Returns the points of Bi-DexHands' PPO by task: environment steps, mean return and its deviation over seeds."""
     found: dict[str, list[tuple[float, float, float]]] = {}
     with (Path(__file__).parent / "paper" / "returns.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
@@ -163,23 +212,31 @@ def _short(value: float) -> str:
     return "" if math.isnan(value) else f"{float(f'{value:.4g}'):g}"
 
 
+def _write(path: Path, columns: Sequence[str], rows: Iterable[Row]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 @click.command()
 @click.argument("results", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.argument("target", type=click.Path(dir_okay=False, path_type=Path))
-def main(results: Path, target: Path) -> None:
-    """Write one line for each task with finished runs in the folder RESULTS of a suite to the CSV file TARGET."""
+@click.argument("docs", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(results: Path, docs: Path) -> None:
+    """Write what the finished runs in the folder RESULTS of a suite learned, as two tables in the folder DOCS."""
     torch.set_num_threads(1)
-    runs: dict[str, list[Learned]] = {}
-    for entry in sorted(results.iterdir()):
-        if (entry / "done.json").exists():
-            run = learned(entry)
-            runs.setdefault(run.task, []).append(run)
-    with target.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for task in filter(runs.__contains__, TASKS):
-            zero, random = (trivial_fitness(task, actions) for actions in (zero_actions, random_actions))
-            writer.writerow(learning_row(runs[task], zero, random))
+    runs: dict[str, list[Learned]] = {task: [] for task in TASKS}
+    curves: dict[str, list[Row]] = {task: [] for task in TASKS}
+    for done in sorted(results.glob("*/done.json")):
+        run = learned(done.parent)
+        runs[run.task].append(run)
+        curves[run.task] += learning_curve(done.parent, run.steps)
+    _write(docs / CURVES, CURVE_COLUMNS, chain.from_iterable(curves.values()))
+    rows = []
+    for task in filter(runs.__getitem__, TASKS):
+        zero, random = (trivial_fitness(task, actions) for actions in (zero_actions, random_actions))
+        rows.append(learning_row(runs[task], zero, random))
+    _write(docs / TABLE, COLUMNS, rows)
 
 
 if __name__ == "__main__":

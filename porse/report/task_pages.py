@@ -1,4 +1,4 @@
-"""The index `docs/tasks.md` and a page of each task, from the tasks themselves: `python -m porse.report.task_pages docs`."""
+"""The index `docs/tasks.md`, what tasks learned, and a page of each task with its charts, from the tasks themselves: `python -m porse.report.task_pages docs`."""
 
 import csv
 import inspect
@@ -7,6 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from porse.picture import picture, write_png
+from porse.report.charts import Chart, Line
+from porse.report.learning import CURVES, TABLE, published_curves
+from porse.report.svg import svg
 from porse.report.task_layout import layout
 from porse.task_names import TAGS, TASK_TAGS
 from porse.tasks import TASKS, make_task
@@ -14,11 +17,13 @@ from porse.tasks.base import Task
 
 PAGES = "tasks"
 PICTURES = "pictures"
-LEARNED = "learning.csv"
-"""What the human rewards teach; written by `porse.report.learning`, not here."""
+TRAINED = "trained"
+"""Pictures of trained policies, by `porse.report.trained`, and the curves of their trainings, which are drawn here."""
 
 WIDTH, HEIGHT = 320, 240
 COLUMNS = 4
+
+STEPS = "thousand environment steps"
 
 HEAD = """# The tasks
 
@@ -107,23 +112,33 @@ and under zero action. For originals with published figures of their first train
 a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated: all of Quadcopter,
 FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen and PushBlock, and zero
 action everywhere.
+
+## What they learn
+
+[What human rewards teach](learning.md) says in words which tasks learn on a CPU with their human reward, and why the rest does not;
+[learned](learned.md) has the figures.
 """
 
 
-HUMAN = """## What the human rewards teach
+HUMAN = """# What the human rewards teach, in figures
+
+`python -m porse.report.task_pages docs` writes this page from two tables; do not edit it.
 
 ```sh
 porse suite run suites/learning.yaml
-python -m porse.report.learning .porse/suites/learning/results docs/learning.csv
+python -m porse.report.learning .porse/suites/learning/results docs
+python -m porse.report.trained .porse/suites/learning/results docs/trained
 ```
 
 train each task with its human reward for as many epochs as a winning lineage of its preset has, and write
-[learning.csv](learning.csv). Fitness is that of zero action, of random actions N(0, 0.8), and of training: the mean over the first
-ten epochs, where the policy is about random, over the last ten, and the highest of any epoch (MTS). *Final* is what the trained
-policy's mean action is worth in 256 whole episodes. A task *learns* where its last epochs are above both policies that know
-nothing by a tenth of the way from the better of them to what can be had: 0 where fitness is minus a distance, the paper's
-figure for Humanoid, else 1. The paper's MTS with the same reward took 1.5e9 steps. Tasks without a row have not been trained
-since their dynamics were corrected.
+[learning.csv](learning.csv), [learning-curves.csv](learning-curves.csv), and pictures of the trained policies. The page of each
+task shows its pictures and curves; [what human rewards teach](learning.md) says in words what learns, and why the rest does not.
+
+Fitness is that of zero action, of random actions N(0, 0.8), and of training: the mean over the first ten epochs, where the policy
+is about random, over the last ten, and the highest of any epoch (MTS). *Final* is what the trained policy's mean action is worth
+in 256 whole episodes. A task *learns* where its last epochs are above both policies that know nothing by a tenth of the way from
+the better of them to what can be had: 0 where fitness is minus a distance, the paper's figure for Humanoid, else 1. The paper's
+MTS with the same reward took 1.5e9 steps.
 """
 
 RETURNS = """Nine tasks have published learning curves: the return of Bi-DexHands' PPO, mean and deviation of ten seeds, here between
@@ -132,15 +147,62 @@ two points of the curve at our number of steps.
 
 
 def pages(folder: Path) -> dict[str, str]:
-    """Returns the index and the page of every task as Markdown, by their paths below `folder`.
+    """Returns the index, what all tasks learned, and of every task the page as Markdown and the charts as SVG, by their paths below `folder`.
 
     Args:
-        folder: the documents, with `learning.csv`, whose figures the index shows.
+        folder: the documents, with the tables of `porse.report.learning`.
     """
-    return {"tasks.md": _index(folder)} | {f"{PAGES}/{name}.md": _page(task) for name, task in TASKS.items()}
+    learned = {row["task"]: row for row in _read(folder / TABLE)}
+    curves: dict[str, list[Mapping[str, str]]] = {}
+    for row in _read(folder / CURVES):
+        curves.setdefault(row["task"], []).append(row)
+    figures = "\n".join([HUMAN, *_learned(list(learned.values())), ""])
+    written = {"tasks.md": _index(), "learned.md": figures}
+    for name, task in TASKS.items():
+        drawn = charts(name, curves[name]) if name in curves else {}
+        written[f"{PAGES}/{name}.md"] = _page(task, learned.get(name), drawn)
+        written |= {f"{TRAINED}/{place}": svg(chart) for place, chart in drawn.items()}
+    return written
 
 
-def _index(folder: Path) -> str:
+def _read(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def charts(task: str, rows: Sequence[Mapping[str, str]]) -> dict[str, Chart]:
+    """Returns the charts of a task by the names of their files: of its fitness, and of its return beside a published one.
+
+    Args:
+        task: its name.
+        rows: of the curves of its runs, one after the other.
+    """
+    found = {f"{task}.svg": Chart(f"{task}: fitness", STEPS, "fitness", _lines(rows, "fitness"))}
+    published = published_curves().get(task)
+    if published:
+        last = max(int(row["steps"]) for row in rows)
+        # One point beyond our last one, so that the line passes it.
+        before = [point for point in published if point[0] <= last]
+        points = [(steps / 1000, mean, std) for steps, mean, std in published[: len(before) + 1]]
+        theirs = Line(
+            "Bi-DexHands' PPO",
+            [(x, mean) for x, mean, _ in points],
+            strong=True,
+            band=[(x, mean - std, mean + std) for x, mean, std in points],
+        )
+        lines = [*_lines(rows, "return"), theirs]
+        found[f"{task}-return.svg"] = Chart(f"{task}: return of an episode", STEPS, "return", lines)
+    return found
+
+
+def _lines(rows: Sequence[Mapping[str, str]], value: str) -> list[Line]:
+    points: dict[str, list[tuple[float, float]]] = {}
+    for row in rows:
+        points.setdefault(row["seed"], []).append((int(row["steps"]) / 1000, float(row[value] or "nan")))
+    return [Line(f"seed {seed}", line) for seed, line in points.items()]
+
+
+def _index() -> str:
     rows = [
         "| task | tags | observations | actions | steps an episode |",
         "| --- | --- | --- | --- | --- |",
@@ -152,9 +214,7 @@ def _index(folder: Path) -> str:
     ]
     tags = [f"- *{tag}*: {meaning}." for tag, meaning in TAGS.items()]
     gallery = ["## Gallery", "", *_gallery(list(TASKS)), ""]
-    with (folder / LEARNED).open(encoding="utf-8", newline="") as file:
-        learned = _learned(list(csv.DictReader(file)))
-    return "\n".join([HEAD, *rows, "", *tags, "", *gallery, COMMON, HUMAN, *learned, ""])
+    return "\n".join([HEAD, *rows, "", *tags, "", *gallery, COMMON, ""])
 
 
 def _gallery(names: Sequence[str]) -> Iterator[str]:
@@ -202,7 +262,7 @@ def _millions(row: Mapping[str, str]) -> str:
     return f"{int(row['steps']) / 1e6:.2f} M"
 
 
-def _page(task: type[Task]) -> str:
+def _page(task: type[Task], learned: Mapping[str, str] | None, drawn: Mapping[str, Chart]) -> str:
     module = inspect.getmodule(task)
     assert module is not None
     about = inspect.cleandoc(module.__doc__ or "").removeprefix(f"{task.NAME}: ")
@@ -228,6 +288,7 @@ def _page(task: type[Task]) -> str:
         f"{_first(task, 'succeeded', 'sparse_reward')}",
         f"- **Human reward**: {_first(task, 'human_reward')}",
         "",
+        *(_taught(learned, drawn) if learned else ()),
         "## Observations",
         "",
         "| observation | entries | variable |",
@@ -245,6 +306,25 @@ def _page(task: type[Task]) -> str:
             shape = f"tuple of {v.shape[0]}"
         lines.append(f"| `{v.name}` | {shape} | {v.unit} | {v.frame} | {v.meaning} |")
     return "\n".join([*lines, ""])
+
+
+def _taught(row: Mapping[str, str], drawn: Mapping[str, Chart]) -> Iterator[str]:
+    """Yields the section about the training with the human reward."""
+    seeds = "one seed" if row["seeds"] == "1" else f"{row['seeds']} seeds"
+    paper = f" The paper's MTS is {row['paper']}, after 1.5e9 steps." if row["paper"] else ""
+    yield "## What its human reward teaches"
+    yield ""
+    yield f"![{row['task']} after training](../{TRAINED}/{row['task']}.png)"
+    yield ""
+    yield (
+        f"The best of 16 episodes of the trained policy's mean action: its start, after one third and two thirds of it, and its end. "
+        f"After {_millions(row)} steps ({seeds}) the fitness is {row['end']}; that of zero action is {row['zero_action']}, that of "
+        f"random actions {row['random']}.{paper} [What all tasks learn](../learned.md)"
+    )
+    yield ""
+    for place, chart in drawn.items():
+        yield f"![{chart.title}](../{TRAINED}/{place})"
+        yield ""
 
 
 def _observations(task: type[Task]) -> Iterator[str]:
@@ -271,7 +351,7 @@ def _first(task: type[Task], *methods: str) -> str:
 
 def main(folder: Path) -> None:
     """Writes the pages and their pictures into `folder`."""
-    for name in (PAGES, PICTURES):
+    for name in (PAGES, PICTURES, TRAINED):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for name, text in pages(folder).items():
         (folder / name).write_text(text, encoding="utf-8")
