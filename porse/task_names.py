@@ -70,7 +70,7 @@ TASK_TAGS: dict[str, tuple[str, ...]] = {
     "GraspAndPlace": ("hands", "table", "easy"),
     "BlockStack": ("hands", "table", "easy"),
     "PushBlock": ("hands", "table", "easy"),
-    "SwitchReachable": ("hands", "table"),
+    "SwitchReachable": ("hands", "table", "easy"),
 }
 """Tags of each task: facts about it, by which no result is computed."""
 
