@@ -80,8 +80,8 @@ class _Porse(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         names = [name for name in self.list_commands(ctx) if name.startswith(incomplete)]
-        own = [item for item in click.Command.shell_complete(self, ctx, incomplete) if item.value not in names]
-        return [*(CompletionItem(name, help=_COMMANDS[name][1]) for name in names), *own]
+        options = click.Command.shell_complete(self, ctx, incomplete)
+        return [*(CompletionItem(name, help=_COMMANDS[name][1]) for name in names), *options]
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

@@ -13,7 +13,7 @@ from porse import numerics
 from porse.config import TrainParams, load_document, parse_params
 from porse.errors import PorseError
 from porse.paths import check_target
-from porse.show import winners_policy
+from porse.report.results import winners_policy
 
 OPSET = 18
 """Of ONNX: what rsl-rl writes."""

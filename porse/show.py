@@ -12,10 +12,10 @@ from typing import Any
 
 import click
 
-from porse.config import ROOT, Params, load_document, parse_params
+from porse.config import ROOT, load_document, parse_params
 from porse.errors import PorseError
 from porse.paths import check_target
-from porse.pool import BEST, policy_file
+from porse.report.results import winners_policy
 
 LONGEST_FILM_S, LONGEST_VIEW_S = 120.0, 86_400.0
 MOST_FILM_MIB, _FRAMES_PER_SECOND = 4096, 25
@@ -191,11 +191,6 @@ def play(
     target = out or Path(f"{shown.NAME}.gif")
     write_film(target, shown, actor, seconds, Shot(width, height, view))
     click.echo(f"{target}: {shown.NAME}, {seconds:g} s")
-
-
-def winners_policy(run: Path, params: Params) -> Path:
-    """Returns the file of the policy that a run ended with."""
-    return policy_file(run / str(params.iterations[-1].next) / "start", BEST)
 
 
 def has_display() -> bool:

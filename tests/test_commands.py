@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 
 import click
 import pytest
@@ -116,6 +117,32 @@ def test_the_shell_completes_as_the_page_says(shell):
     script = CliRunner().invoke(main, [], env={"_PORSE_COMPLETE": f"{shell}_source"}, prog_name="porse")
     # bash's version is looked up where there is a bash.
     assert "_PORSE_COMPLETE" in script.output
+
+
+def test_help_names_every_command_in_a_line_of_its_own_and_imports_none():
+    code = "import sys; from porse.cli import main; main(['--help'], standalone_mode=False); "
+    code += (
+        "print({name.partition('.')[0] for name in sys.modules} & {'numpy', 'pyarrow', 'torch', 'yaml', 'pydantic'})"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    *lines, imported = said.splitlines()
+    assert imported == "set()"
+    listed = lines[lines.index("Commands:") + 1 :]
+    names = sorted(name for (name,) in (words for words in ALL if len(words) == 1))
+    # A line that were too long would go on below; one that click cut off would end in dots.
+    assert [line.split()[0] for line in listed] == names
+    assert all(line.endswith(".") and not line.endswith("...") for line in listed)
+
+
+def test_the_shell_is_told_what_each_command_does_and_the_options_of_all():
+    words = {"_PORSE_COMPLETE": "fish_complete", "COMP_WORDS": "porse pu", "COMP_CWORD": "pu"}
+    done = subprocess.run([BIN / "porse"], env={**os.environ, **words}, capture_output=True, text=True, check=True)
+    assert done.stdout == (
+        "plain,publish\tMake published/NAME of a finished run.\nplain,published\tList the published runs.\n"
+    )
+    words = {"_PORSE_COMPLETE": "bash_complete", "COMP_WORDS": "porse --v", "COMP_CWORD": "1"}
+    done = subprocess.run([BIN / "porse"], env={**os.environ, **words}, capture_output=True, text=True, check=True)
+    assert done.stdout == "plain,--version\n"
 
 
 def test_the_shell_is_told_the_commands_that_begin_as_typed():

@@ -1,6 +1,7 @@
 """What the table of learning says, with numbers worked out by hand; and the committed one is of the suite's runs."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -161,6 +162,26 @@ def test_the_suite_has_every_task_and_the_table_no_other_runs() -> None:
     with TABLE.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert all(0 < int(row["seeds"]) <= seeds[row["task"]] for row in rows)
+
+
+def test_the_page_counts_what_the_table_says() -> None:
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["task"] != "SwitchReachable"]
+    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    assert f"{sum(row['holds'] == 'yes' for row in rows)} of the {len(rows)} tasks learn " in page
+    named = re.search(r"nine of them have its MTS or a higher one: ([\w,\s]+)\.", page)
+    assert named
+    learned_as_well = [
+        row["task"] for row in rows if row["holds"] == "yes" and float(row["mts"]) >= float(row["paper"])
+    ]
+    assert sorted(re.split(r",\s+", named[1])) == sorted(learned_as_well)
+    published = [row for row in rows if row["published_return"]]
+    assert [row["return_holds"] for row in published] == ["yes"] * 9
+    factors = [float(row["return"]) / float(row["published_return"]) for row in published]
+    assert f"by a factor of {min(factors):.1f} to\n{max(factors):.0f}." in page
+    # Each that does not learn has its reason.
+    reasons = re.findall(r"^- \*\*(\w+)\*\*", page.partition("## What does not learn")[2], re.MULTILINE)
+    assert sorted(reasons) == sorted(row["task"] for row in rows if row["holds"] == "no")
 
 
 def test_easy_is_what_learns_and_hard_what_does_not() -> None:

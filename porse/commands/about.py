@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from porse import tables
+from porse.commands import with_params
 from porse.config import leaves, load_document, load_params, parse_params, resolve_document
 from porse.inputs.stages import STAGES
 from porse.methods import ABLATIONS, METHODS
@@ -41,9 +42,7 @@ def show_tables(as_json: bool) -> None:
 
 
 @click.command("schedule")
-@click.option(
-    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
-)
+@with_params
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def show_schedule(path: Path, as_json: bool) -> None:
     """Print the cost of each rung of each iteration, in epochs."""
@@ -69,9 +68,7 @@ def show_schedule(path: Path, as_json: bool) -> None:
 
 
 @click.command("params")
-@click.option(
-    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
-)
+@with_params
 @click.option("--stage", type=click.Choice([*STAGES]), help="Only what this stage reads.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_params(path: Path, stage: str | None, as_json: bool) -> None:

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import click
 
+from porse.commands import EXISTING
 from porse.outdated import another_run
 from porse.printing import print_line
 from porse.report.markdown import results_table
 from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
-
-EXISTING = click.Path(exists=True, file_okay=False, path_type=Path)
 
 
 @click.command("results")

@@ -6,12 +6,10 @@ from pathlib import Path
 import click
 
 from porse import numerics
+from porse.commands import EXISTING, FOLDER, with_params
 from porse.config import load_params
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.repro import check_start, reproduce
-
-FOLDER = click.Path(file_okay=False, path_type=Path)
-EXISTING = click.Path(exists=True, file_okay=False, path_type=Path)
 
 
 @click.command("pipeline")
@@ -47,9 +45,7 @@ def repro(arguments: tuple[str, ...], progress: str | None) -> None:
 
 @click.command("run")
 @click.option("--out", required=True, type=FOLDER, help="Folder for the outputs; created if missing.")
-@click.option(
-    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
-)
+@with_params
 @click.option("--prompts", default="prompts", show_default=True, type=EXISTING, help="The prompts' templates.")
 @click.option("--cache", default="llm_cache", show_default=True, type=FOLDER, help="The recorded replies.")
 def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:

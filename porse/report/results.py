@@ -12,6 +12,7 @@ from typing import Any
 from porse import tables
 from porse.config import ROOT, Params, load_params
 from porse.errors import PorseError
+from porse.pool import BEST, policy_file
 from porse.report.agreement import check_agreement
 from porse.report.figures import curve_figures, run_figures
 from porse.report.run import Evaluation, Run
@@ -139,3 +140,13 @@ def _json(path: Path) -> Mapping[str, Any] | None:
     if not isinstance(found, dict):
         raise PorseError(f"expected a JSON object in {path}, found a {type(found).__name__}; run `dvc repro`")
     return found
+
+
+def winners_policy(run: Path, params: Params) -> Path:
+    """Returns the file of the policy that a run ended with.
+
+    Args:
+        run: the folder `run/` of its stages.
+        params: its parameters.
+    """
+    return policy_file(run / str(params.iterations[-1].next) / "start", BEST)

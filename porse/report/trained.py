@@ -14,7 +14,7 @@ from PIL import Image
 
 from porse.config import Params, load_params
 from porse.picture import Pixels, camera
-from porse.pool import BEST, policy_file
+from porse.report.results import winners_policy
 from porse.tasks import TASKS, make_task
 from porse.training.actor import policy_actor
 from porse.training.episodes import Episode, play_episodes
@@ -79,8 +79,7 @@ def main(results: Path, target: Path) -> None:
             found[params.task] = params, done.parent
     for task in filter(found.__contains__, TASKS):
         params, result = found[task]
-        policy = policy_file(result / "run" / str(params.iterations[-1].next) / "start", BEST)
-        write_frames(target / f"{task}.png", frames(params, policy))
+        write_frames(target / f"{task}.png", frames(params, winners_policy(result / "run", params)))
 
 
 if __name__ == "__main__":

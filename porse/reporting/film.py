@@ -5,8 +5,8 @@ from pathlib import Path
 
 from porse.config import Params
 from porse.errors import PorseError
-from porse.pool import BEST, policy_file
 from porse.report.page import Film, no_film
+from porse.report.results import winners_policy
 from porse.show import draws
 from porse.task_names import is_own
 
@@ -22,7 +22,7 @@ def winner_film(params: Params, folder: Path) -> Film:
     Whether anything can be drawn here is tried in another process: a page is whole without a film.
     A run that came as its tables alone has no policy. A task of somebody's own is not imported for a page.
     """
-    policy = policy_file(folder / "run" / str(params.iterations[-1].next) / "start", BEST)
+    policy = winners_policy(folder / "run", params)
     if is_own(params.task):
         return no_film("the task is one of its author's own, and its code is not run for a page.")
     if not policy.is_file():
