@@ -74,8 +74,9 @@ def _every(task: Task) -> int:
 def write_gif(path: Path, task: Task, actor: Actor, seconds: float, shot: Shot = Shot()) -> None:
     """Plays for so many seconds and writes what is seen."""
     frames = [*_frames(task, actor, seconds, shot)]
-    # One palette for all frames and no dithering: what stands still is then equal in all of them, and costs nothing.
-    palette = Image.fromarray(frames[0]).quantize(COLOURS, dither=Image.Dither.NONE)
+    # One palette for all frames and no dithering: what stands still is then equal in all of them, and costs nothing. Colours
+    # of small things count, too: the median cut, Pillow's default, made an orange egg grey.
+    palette = Image.fromarray(frames[0]).quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     first, *others = (Image.fromarray(f).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames)
     frame_ms = round(1000.0 * _every(task) * task.control_dt)
     first.save(path, save_all=True, append_images=others, duration=frame_ms, loop=0)

@@ -46,6 +46,7 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
     commands = {
         "over.png": ["render", "Over", "--out", "over.png"],
         "quadcopter.gif": ["render", "Quadcopter", "--out", "quadcopter.gif", "--seconds", "0.4"],
+        "over.gif": ["render", "Over", "--out", "over.gif", "--seconds", "0.1"],
         "again.gif": ["render", "Quadcopter", "--out", "again.gif", "--seconds", "0.4"],
         "Quadcopter.gif": ["play", "Quadcopter", *policy],
         "pen.gif": ["play", "Pen", "--out", "pen.gif", "--seconds", "0.2"],
@@ -118,6 +119,15 @@ def test_play_without_a_display_writes_a_gif_named_after_the_task(shown):
     folder, results = shown
     assert results["Quadcopter.gif"] == (0, "Quadcopter.gif: Quadcopter, 0.4 s\n")
     assert imageio.imread(folder / "Quadcopter.gif").shape == (11, 360, 480, 3)
+
+
+@drawn
+def test_a_film_keeps_the_colour_of_a_small_thing(shown):
+    """The egg is orange, the goal green; the floor, the hands and the sky are neither."""
+    folder, _ = shown
+    red, green, blue = imageio.imread(folder / "over.gif")[0][..., :3].astype(int).transpose(2, 0, 1)
+    assert ((red > green + 30) & (green > blue + 60)).sum() > 20
+    assert ((green > red + 40) & (green > blue + 40)).sum() > 20
 
 
 @drawn

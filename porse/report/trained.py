@@ -10,10 +10,9 @@ from pathlib import Path
 import click
 import numpy as np
 import torch
-from PIL import Image
 
 from porse.config import Params, load_params
-from porse.picture import Pixels, camera
+from porse.picture import Pixels, camera, write_png
 from porse.report.results import winners_policy
 from porse.tasks import TASKS, make_task
 from porse.training.actor import policy_actor
@@ -23,7 +22,6 @@ ENVS = 16
 """Episodes, of which one is shown."""
 SEED = 0
 WIDTH, HEIGHT = 240, 180
-COLOURS = 128
 
 
 def shown_episode(episodes: Sequence[Episode]) -> tuple[int, list[int]]:
@@ -60,11 +58,6 @@ def frames(params: Params, policy: Path) -> Pixels:
     return np.concatenate([taken[time] for time in times], axis=1)
 
 
-def write_frames(path: Path, pixels: Pixels) -> None:
-    """Writes a picture as PNG of few colours, a third as large as with all of them."""
-    Image.fromarray(pixels).quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
-
-
 @click.command()
 @click.argument("results", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.argument("target", type=click.Path(file_okay=False, path_type=Path))
@@ -79,7 +72,7 @@ def main(results: Path, target: Path) -> None:
             found[params.task] = params, done.parent
     for task in filter(found.__contains__, TASKS):
         params, result = found[task]
-        write_frames(target / f"{task}.png", frames(params, winners_policy(result / "run", params)))
+        write_png(target / f"{task}.png", frames(params, winners_policy(result / "run", params)))
 
 
 if __name__ == "__main__":
