@@ -41,7 +41,7 @@ _COMMANDS = {
     "status": ("porse.status:status", "Print where the pipeline is, and how to go on."),
     "suite": ("porse.suite.cli:suite", "Run and compare many runs from one file."),
     "tables": ("porse.commands.about:show_tables", "Print the data dictionary."),
-    "tasks": ("porse.commands.about:show_tasks", "Print the tasks, with sizes and tags."),
+    "tasks": ("porse.commands.tasks:show_tasks", "Print the tasks, with sizes and tags."),
     "trends": ("porse.commands.outcome:show_trends", "Print beta and alpha of winners by iteration."),
 }
 """Where each command is, and what `porse --help` says of it. A command is imported when it is called."""

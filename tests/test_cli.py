@@ -1,7 +1,5 @@
 import json
 import os
-import subprocess
-import sys
 
 import click
 import pytest
@@ -103,15 +101,6 @@ def test_tasks_with_several_tags_have_all_of_them():
     everything = porse("tasks").output
     assert "BottleCap " in everything
     assert "\ndoor        a double door is opened or closed\n" in everything
-
-
-def test_only_the_modules_of_the_tasks_that_are_printed_are_imported():
-    code = "import sys; from porse.cli import main; main(['tasks', '--tag', 'locomotion'], standalone_mode=False); "
-    code += "print(sorted(name.split('.')[-1] for name in sys.modules if name.startswith('porse.tasks.')))"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
-    assert [line.split()[0] for line in said[:-1]] == ["Anymal", "Humanoid"]
-    assert "'humanoid'" in said[-1]
-    assert "'over'" not in said[-1]
 
 
 def test_results_without_a_run_say_what_to_do(tmp_path):

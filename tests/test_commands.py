@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from porse.cli import main
+from porse.report.task_rows import task_rows
 from test_cli import ALL
 from tiny import BIN, ROOT
 
@@ -117,6 +118,15 @@ def test_the_shell_completes_as_the_page_says(shell):
     script = CliRunner().invoke(main, [], env={"_PORSE_COMPLETE": f"{shell}_source"}, prog_name="porse")
     # bash's version is looked up where there is a bash.
     assert "_PORSE_COMPLETE" in script.output
+
+
+def test_the_tasks_are_listed_as_they_are_without_importing_one():
+    code = "import sys; from porse.cli import main; main(['tasks', '--json'], standalone_mode=False); "
+    code += "print({name.partition('.')[0] for name in sys.modules} & {'numpy', 'pyarrow', 'torch', 'mujoco'})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    listed, imported = done.stdout.rsplit("\n]\n", 1)
+    assert json.loads(listed + "]") == task_rows(), "run: python -m porse.report.task_rows"
+    assert imported.strip() == "set()"
 
 
 def test_help_names_every_command_in_a_line_of_its_own_and_imports_none():

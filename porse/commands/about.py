@@ -1,4 +1,4 @@
-"""What there is: tables, parameters, schedule, methods, tasks."""
+"""What there is: tables, parameters, schedule, methods."""
 
 import json
 from dataclasses import asdict
@@ -13,7 +13,6 @@ from porse.inputs.stages import STAGES
 from porse.methods import ABLATIONS, METHODS
 from porse.printing import print_line
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
-from porse.task_names import TAGS, TASK_TAGS
 
 
 @click.command("tables")
@@ -111,38 +110,3 @@ def show_methods(as_json: bool) -> None:
         for name, sections in sets.items():
             values = [f"{s}.{key}: {json.dumps(value)}" for s, own in sections.items() for key, value in own.items()]
             print_line(f"{heading:8} {name:20} ", ", ".join(values) or "params.yaml as it is")
-
-
-@click.command("tasks")
-@click.option(
-    "--tag", "tags", multiple=True, type=click.Choice([*TAGS]), help="Only tasks with this tag; may be given again."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
-def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
-    """Print the tasks, with sizes and tags."""
-    from porse.tasks import TASKS
-
-    rows = [
-        {
-            "task": name,
-            "observations": task.NUM_OBSERVATIONS,
-            "actions": task.NUM_ACTIONS,
-            "family": task.FAMILY,
-            "description": task.DESCRIPTION,
-            "episode_length": task.EPISODE_LENGTH,
-            "tags": list(TASK_TAGS[name]),
-        }
-        # Looking a task up imports its module: only those that are printed.
-        for name, task in ((name, TASKS[name]) for name in TASKS if {*tags} <= {*TASK_TAGS[name]})
-    ]
-    if as_json:
-        click.echo(json.dumps(rows, indent=2))
-        return
-    for row in rows:
-        tagged = ", ".join(TASK_TAGS[str(row["task"])])
-        sizes = f"{row['observations']:4} {row['actions']:3} {row['episode_length']:5}"
-        print_line(f"{row['task']:20} {row['family']:7} {sizes} {tagged:20} ", str(row["description"]))
-    if not tags:
-        click.echo()
-        for tag, meaning in TAGS.items():
-            print_line(f"{tag:11} ", meaning)
