@@ -44,8 +44,8 @@ def starts_of(physics: CpuPhysics) -> Iterator[list[Tensor]]:
 def bare_steps_s(physics: CpuPhysics, starts: Sequence[Tensor], substeps: int, clock: Clock) -> float:
     """Returns the seconds that `Batch.step` alone needs for one control step from each of these states.
 
-    One call of the library for all substeps: what a task does between them, such as drag, is not in it, and neither are the
-    derived fields that it reads afterwards. The simulations are left where the last call led.
+    One call of the library for all substeps: what a task does between them, as drag or a bound on speeds, is not in it, and
+    neither are the derived fields that it reads afterwards. The simulations are left where the last call led.
     """
     spent = 0.0
     for start in starts:

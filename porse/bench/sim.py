@@ -1,7 +1,7 @@
 """The suite `sim`: environments over their physics, and one humanoid beside two peers."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
@@ -50,19 +50,24 @@ def _peers(count: int) -> Iterator[Figure]:
         yield missing("sim", OVER_ENVPOOL, f"no EnvPool: {INSTALL}")
     else:
         peer = humanoid.of_envpool(ENVIRONMENTS)
-        yield found("sim", OVER_ENVPOOL, beside(peer, ENVIRONMENTS, count))
+        yield found("sim", OVER_ENVPOOL, beside(OwnHumanoids(ENVIRONMENTS), peer, ENVIRONMENTS, count))
     if lacking("imageio"):
         yield missing("sim", OVER_GYMNASIUM, f"no gymnasium[mujoco]: {INSTALL}")
     else:
         with humanoid.of_gymnasium(FEW_ENVIRONMENTS) as peer:
-            yield found("sim", OVER_GYMNASIUM, beside(peer, FEW_ENVIRONMENTS, count))
+            yield found("sim", OVER_GYMNASIUM, beside(OwnHumanoids(FEW_ENVIRONMENTS), peer, FEW_ENVIRONMENTS, count))
 
 
-def beside(
-    peer: Humanoids, num_envs: int, count: int, make: Callable[[int], Humanoids] = OwnHumanoids
-) -> tuple[float, ...]:
-    """Returns how many times as much processor time a peer needs for a step, of as many humanoids, round by round."""
-    own, generator = make(num_envs), np.random.default_rng(0)
+def beside(own: Humanoids, peer: Humanoids, num_envs: int, count: int) -> tuple[float, ...]:
+    """Returns how many times as much processor time a peer needs for a step, round by round.
+
+    Args:
+        own: humanoids in this project's physics.
+        peer: as many elsewhere.
+        num_envs: how many.
+        count: rounds.
+    """
+    generator = np.random.default_rng(0)
     times: dict[str, list[float]] = {"own": [], "peer": []}
     # The first round finds caches cold, and all humanoids upright.
     for _ in range(count + 1):

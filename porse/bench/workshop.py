@@ -29,7 +29,7 @@ class Workshop:
         """Returns what a method of `porse.bench.work.Work` returns, called there with these arguments.
 
         Raises:
-            PorseError: it failed; the process has said on the standard error how.
+            PorseError: it failed.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -40,11 +40,16 @@ class Workshop:
             pass  # its answer says that it has ended
         answer = self._process.stdout.readline()
         if not answer:
+            # It has closed its output, and may still be saying why.
+            self._process.wait()
             raise PorseError(
                 f"expected {what} of {arguments} to be measured in profile {self._profile}, found that its process ended; "
                 "what it printed last, above, says why"
             )
-        return json.loads(answer)
+        value, failure = json.loads(answer)
+        if failure:
+            raise PorseError(failure)
+        return value
 
 
 @contextmanager
@@ -77,7 +82,11 @@ def main(profile: numerics.Profile, params: Path) -> None:
         work = Work(lambda task: human_params(params, task, profile), Path(folder))
         for line in sys.stdin:
             what, arguments = json.loads(line)
-            answers.write(json.dumps(getattr(work, what)(**arguments)) + "\n")
+            try:
+                answer = getattr(work, what)(**arguments), ""
+            except PorseError as error:
+                answer = None, str(error)
+            answers.write(json.dumps(answer) + "\n")
 
 
 if __name__ == "__main__":
