@@ -15,6 +15,7 @@ from porse.paths import at_root
 from porse.printing import print_line
 
 _COMMANDS = {
+    "bench": ("porse.bench.command:bench", "Measure how close it is to what its libraries can do."),
     "check-code": ("porse.check_code:check_code", "Check reward and mapping functions for a task."),
     "demo": ("porse.demo:demo", "Run everything at tiny size, in about a minute."),
     "doctor": ("porse.doctor:doctor", "Check whether a run would work here, and say what to do."),

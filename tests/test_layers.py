@@ -32,6 +32,7 @@ LAYERS: list[set[str]] = [
     {"reporting"},
     {"doctor", "demo", "experiments", "export", "init", "published"},
     {"commands"},
+    {"bench"},
     {"cli"},
 ]
 """Lowest first. A room may import rooms of lower layers, and of its own layer only itself."""

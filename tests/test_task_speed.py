@@ -4,7 +4,7 @@ import time
 
 import torch
 
-from porse.report.task_speed import STEPS, measure
+from porse.bench.task_speed import STEPS, measure
 from porse.tasks import make_task
 
 
