@@ -46,7 +46,7 @@ class Speed:
     """A task's speed.
 
     Attributes:
-        steps: environment steps a second, in the best round.
+        steps: environment steps a second, median of the rounds.
         share: time of the bare physics over the time of the task, median of the rounds.
     """
 
@@ -64,8 +64,8 @@ def measure(task: Task, seconds: float) -> Speed:
         played.append(each)
         if len(played) >= 3 and time.perf_counter() >= end:
             break
-    best = min(each.whole_s for each in played)
-    return Speed(task.num_envs * STEPS / best, statistics.median(each.share for each in played))
+    whole_s = statistics.median(each.whole_s for each in played)
+    return Speed(task.num_envs * STEPS / whole_s, statistics.median(each.share for each in played))
 
 
 def rounds(task: Task, clock: Clock) -> Iterator[Round]:
