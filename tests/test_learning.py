@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -16,12 +17,13 @@ from porse.report.learning import (
     COLUMNS,
     CURVE_COLUMNS,
     Learned,
+    Trivial,
     learned,
     learning_curve,
     learning_row,
     main,
     published_return,
-    trivial_fitness,
+    trivial,
 )
 from porse.task_names import TASK_CLASSES, TASK_TAGS
 from tiny import committed_params
@@ -81,6 +83,10 @@ def test_a_curve_has_the_mean_of_each_stretch_at_the_steps_of_its_end(tmp_path: 
     assert points[-1] == {"task": "Over", "seed": 3, "steps": 7500, "fitness": "74", "return": ""}
 
 
+def nothing(fitness: float, returned: float = 0.0, deviation: float = 0.0) -> Trivial:
+    return Trivial(fitness, returned, deviation)
+
+
 def run_of(task: str, end: float, returned: float = 0.0, steps: int = 480) -> Learned:
     return Learned(task, steps, 0.01, end, end + 0.02, end + 0.03, returned)
 
@@ -103,15 +109,37 @@ def run_of(task: str, end: float, returned: float = 0.0, steps: int = 480) -> Le
 def test_a_task_learns_that_ends_a_tenth_of_the_way_above_the_better_policy_that_knows_nothing(
     task: str, end: float, zero: float, random: float, holds: str
 ) -> None:
-    assert learning_row([run_of(task, end)], zero, random)["holds"] == holds
+    assert learning_row([run_of(task, end)], nothing(zero), nothing(random))["holds"] == holds
+
+
+@pytest.mark.parametrize(
+    ("returned", "zero", "random", "improves"),
+    [
+        # Zero action is the better one: 3 + 2 * 0.5 = 4. The wide spread of random actions is not asked.
+        (4.01, (3.0, 0.5), (2.0, 9.0), "yes"),
+        (3.99, (3.0, 0.5), (2.0, 9.0), "no"),
+        # Costs: -20 + 2 * 7 = -6.
+        (-5.9, (-30.0, 1.0), (-20.0, 7.0), "yes"),
+        (-6.1, (-30.0, 1.0), (-20.0, 7.0), "no"),
+    ],
+)
+def test_a_return_improves_that_is_two_deviations_above_the_better_policy_that_knows_nothing(
+    returned: float, zero: tuple[float, float], random: tuple[float, float], improves: str
+) -> None:
+    row = learning_row([run_of("Switch", 0.0, returned)], Trivial(0.0, *zero), Trivial(0.0, *random))
+    assert row["improves"] == improves
+    assert (float(row["zero_return"]), float(row["random_return"])) == (zero[0], random[0])
 
 
 def test_a_row_is_the_mean_over_the_seeds_with_the_lowest_end() -> None:
-    row = learning_row([run_of("Scissors", 0.5, 4.0), run_of("Scissors", 0.2, 7.0)], 0.125, 0.25)
+    row = learning_row(
+        [run_of("Scissors", 0.5, 4.0), run_of("Scissors", 0.2, 7.0)], nothing(0.125, 3.0, 0.5), nothing(0.25, -2.0, 4.0)
+    )
     assert row == {
         "task": "Scissors", "seeds": 2, "steps": 480, "start": "0.01", "zero_action": "0.125", "random": "0.25",
         "end": "0.35", "paper": "0.996", "holds": "yes", "lowest": "0.2", "mts": "0.37", "final": "0.38",
         "return": "5.5", "published_return": "", "published_std": "", "return_holds": "",
+        "zero_return": "3", "random_return": "-2", "improves": "yes",
     }  # fmt: skip
 
 
@@ -121,8 +149,8 @@ def test_a_return_is_compared_on_a_straight_line_between_two_published_points() 
     found = published_return("Over", quarter)
     assert found is not None
     assert found[0] == pytest.approx(1.115 + (6.27 - 1.115) / 4, abs=1e-5)
-    assert learning_row([run_of("Over", 0.5, 2.41, quarter)], 0.0, 0.0)["return_holds"] == "yes"
-    assert learning_row([run_of("Over", 0.5, 2.40, quarter)], 0.0, 0.0)["return_holds"] == "no"
+    assert learning_row([run_of("Over", 0.5, 2.41, quarter)], nothing(0.0), nothing(0.0))["return_holds"] == "yes"
+    assert learning_row([run_of("Over", 0.5, 2.40, quarter)], nothing(0.0), nothing(0.0))["return_holds"] == "no"
     assert published_return("Over", 1_000) is None
     assert published_return("Scissors", quarter) is None
 
@@ -130,8 +158,12 @@ def test_a_return_is_compared_on_a_straight_line_between_two_published_points() 
 def test_what_a_policy_that_knows_nothing_is_worth_is_the_mean_over_whole_episodes() -> None:
     torch.set_num_threads(1)
     # Without thrust the quadcopter falls: far from its target, and random thrust is no better by much.
-    assert trivial_fitness("Quadcopter", zero_actions) < -0.9
-    assert trivial_fitness("Quadcopter", zero_actions) != trivial_fitness("Quadcopter", random_actions)
+    still, random = trivial("Quadcopter", zero_actions), trivial("Quadcopter", random_actions)
+    assert still.fitness < -0.9
+    assert still.fitness != random.fitness
+    # Its reward is positive, and at most 1 / (1 + distance^2), thrice, in each of 500 steps.
+    assert 0.0 < still.returned < 500.0
+    assert still.deviation != random.deviation
 
 
 def test_the_command_writes_a_row_for_each_task_with_finished_runs(tmp_path: Path) -> None:
@@ -154,11 +186,10 @@ def test_the_command_writes_a_row_for_each_task_with_finished_runs(tmp_path: Pat
 
 def test_the_suite_has_every_task_and_the_table_no_other_runs() -> None:
     suite = yaml.safe_load((ROOT / "suites" / "learning.yaml").read_text())
-    assert sorted(suite["tasks"]) == sorted(TASK_CLASSES)
-    seeds = {task: len(suite["seeds"]) for task in suite["tasks"]}
-    for entry in suite["entries"]:
-        seeds[entry["task"]] += 1
-    assert sorted(seeds.values())[-7:] == [1, *[3] * 6]
+    seeds = Counter({task: len(suite["seeds"]) for task in suite["tasks"]})
+    seeds.update(entry["task"] for entry in suite["entries"])
+    assert {*seeds} == {*TASK_CLASSES}
+    assert sorted(seeds.values()) == [*[1] * 19, *[3] * 6]
     with TABLE.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert all(0 < int(row["seeds"]) <= seeds[row["task"]] for row in rows)
@@ -169,12 +200,14 @@ def test_the_page_counts_what_the_table_says() -> None:
         rows = [row for row in csv.DictReader(file) if row["task"] != "SwitchReachable"]
     page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
     assert f"{sum(row['holds'] == 'yes' for row in rows)} of the {len(rows)} tasks learn " in page
-    named = re.search(r"nine of them have its MTS or a higher one: ([\w,\s]+)\.", page)
+    named = re.search(r"(\d+) of them have its MTS or a higher one: ([\w,\s]+)\.", page)
     assert named
     learned_as_well = [
         row["task"] for row in rows if row["holds"] == "yes" and float(row["mts"]) >= float(row["paper"])
     ]
-    assert sorted(re.split(r",\s+", named[1])) == sorted(learned_as_well)
+    assert sorted(re.split(r",\s+", named[2])) == sorted(learned_as_well)
+    assert int(named[1]) == len(learned_as_well)
+    assert f"in {sum(row['improves'] == 'yes' for row in rows)} of the {len(rows)} tasks the return improves" in page
     published = [row for row in rows if row["published_return"]]
     assert [row["return_holds"] for row in published] == ["yes"] * 9
     factors = [float(row["return"]) / float(row["published_return"]) for row in published]

@@ -4,7 +4,9 @@ One table has a row for each task, the other the curve of each run.
 
 Fitness is that of training epochs, of a policy that explores, and of whole episodes: of zero action, of random actions
 N(0, 0.8) and of the trained policy's mean action. A task learns where its last epochs are clearly above both policies that
-know nothing: by a tenth of the way from the better of them to what can be had.
+know nothing: by a tenth of the way from the better of them to what can be had. Success can be rarer than that although a
+policy has learned much of what the reward pays for. So the table also says whether the return improves: whether it ends
+above that of both policies, by twice the deviation of the better one's episodes.
 
 The return of training episodes is the mean reward of a step times the mean length of an episode, which is their mean return
 where episodes are in all phases. Beside it stands Bi-DexHands' PPO at the same number of steps, between two points of its
@@ -13,7 +15,7 @@ published curve on a straight line.
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain, pairwise
@@ -26,15 +28,17 @@ from torch import Tensor
 
 from porse import tables
 from porse.config import load_params
-from porse.report.calibration import random_actions, zero_actions
+from porse.report.calibration import first_episodes, random_actions, zero_actions
 from porse.report.paper import find_mts
 from porse.tables import Row
 from porse.tasks import TASKS, make_task
+from porse.tasks.base import Task
 from porse.training.episodes import play_episodes
 
 COLUMNS = (
     "task", "seeds", "steps", "start", "zero_action", "random", "end", "paper", "holds",
     "lowest", "mts", "final", "return", "published_return", "published_std", "return_holds",
+    "zero_return", "random_return", "improves",
 )  # fmt: skip
 
 CURVE_COLUMNS = ("task", "seed", "steps", "fitness", "return")
@@ -48,6 +52,8 @@ EPOCHS = 10
 ENVS = 128
 """Whole episodes of zero action and of random actions."""
 CLEARLY = 0.1
+DEVIATIONS = 2.0
+"""How many deviations of its episodes a return must be above that of a policy that knows nothing."""
 BEST: Mapping[str, float] = {"Quadcopter": 0.0, "Anymal": 0.0, "Humanoid": 7.235}
 """The fitness that can be had: no distance, no deviation, the paper's speed (m/s) with this reward; else every episode: 1."""
 
@@ -72,6 +78,21 @@ class Learned:
     mts: float
     final: float
     returned: float
+
+
+@dataclass(frozen=True)
+class Trivial:
+    """What a policy is worth that sees nothing.
+
+    Attributes:
+        fitness: mean over whole episodes.
+        returned: their mean return with the human reward.
+        deviation: standard deviation of their returns.
+    """
+
+    fitness: float
+    returned: float
+    deviation: float
 
 
 def learned(result: Path) -> Learned:
@@ -138,16 +159,17 @@ def _mean_return(rewards: Sequence[float], lengths: Sequence[float]) -> float:
     return fmean(rewards) * fmean(ended) if ended else math.nan
 
 
-def learning_row(runs: Sequence[Learned], zero: float, random: float) -> Row:
+def learning_row(runs: Sequence[Learned], zero: Trivial, random: Trivial) -> Row:
     """Returns the row of one task: means over its runs, one for each seed, and the lowest end.
 
     Args:
         runs: at least one, all of one task.
-        zero: fitness of zero action.
-        random: of random actions.
+        zero: zero action.
+        random: random actions.
     """
     task, steps = runs[0].task, runs[0].steps
-    end, trivial = fmean(run.end for run in runs), max(zero, random)
+    end, trivial = fmean(run.end for run in runs), max(zero.fitness, random.fitness)
+    better = max(zero, random, key=lambda policy: policy.returned)
     paper = find_mts(task, "human", "none")
     returned, published = fmean(run.returned for run in runs), published_return(task, steps)
     return {
@@ -155,8 +177,8 @@ def learning_row(runs: Sequence[Learned], zero: float, random: float) -> Row:
         "seeds": len(runs),
         "steps": steps,
         "start": _short(fmean(run.start for run in runs)),
-        "zero_action": _short(zero),
-        "random": _short(random),
+        "zero_action": _short(zero.fitness),
+        "random": _short(random.fitness),
         "end": _short(end),
         "paper": "" if paper is None else _short(paper.mean),
         "holds": _said(end - trivial >= CLEARLY * (BEST.get(task, 1.0) - trivial)),
@@ -167,6 +189,9 @@ def learning_row(runs: Sequence[Learned], zero: float, random: float) -> Row:
         "published_return": "" if published is None else _short(published[0]),
         "published_std": "" if published is None else _short(published[1]),
         "return_holds": "" if published is None else _said(returned >= published[0]),
+        "zero_return": _short(zero.returned),
+        "random_return": _short(random.returned),
+        "improves": _said(returned >= better.returned + DEVIATIONS * better.deviation),
     }
 
 
@@ -192,7 +217,7 @@ def published_curves() -> Mapping[str, Sequence[tuple[float, float, float]]]:
     return {task: sorted(points) for task, points in found.items()}
 
 
-def trivial_fitness(task: str, actions: Callable[..., Iterable[Tensor]]) -> float:
+def trivial(task: str, actions: Callable[[Task], Iterator[Tensor]]) -> Trivial:
     """Returns what a policy that sees nothing is worth, over the first whole episode of every environment.
 
     Args:
@@ -200,8 +225,11 @@ def trivial_fitness(task: str, actions: Callable[..., Iterable[Tensor]]) -> floa
         actions: yields actions for a task, `(num_envs, actions)`.
     """
     made = make_task(task, ENVS, seed=0)
-    drawn = iter(actions(made))
-    return fmean(episode.outcome for episode in play_episodes(made, lambda _: next(drawn)))
+    drawn = actions(made)
+    fitness = fmean(episode.outcome for episode in play_episodes(made, lambda _: next(drawn)))
+    made = make_task(task, ENVS, seed=0)
+    returns = first_episodes(made, actions(made)).returns.double()
+    return Trivial(fitness, float(returns.mean()), float(returns.std()))
 
 
 def _said(holds: bool) -> str:
@@ -234,8 +262,7 @@ def main(results: Path, docs: Path) -> None:
     _write(docs / CURVES, CURVE_COLUMNS, chain.from_iterable(curves.values()))
     rows = []
     for task in filter(runs.__getitem__, TASKS):
-        zero, random = (trivial_fitness(task, actions) for actions in (zero_actions, random_actions))
-        rows.append(learning_row(runs[task], zero, random))
+        rows.append(learning_row(runs[task], trivial(task, zero_actions), trivial(task, random_actions)))
     _write(docs / TABLE, COLUMNS, rows)
 
 
