@@ -72,6 +72,10 @@ class _Porse(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
+        # Imported here, as every command is: the list of commands needs none of it.
+        from porse import numerics
+
+        numerics.prepare()
         module, name = _COMMANDS[cmd_name][0].split(":")
         return at_root(getattr(importlib.import_module(module), name))
 

@@ -1,8 +1,10 @@
 """Floating point that can be trusted: one thread, one instruction set, and a record of what ran.
 
-PyTorch and MKL choose their code paths when they are first loaded, so `apply` must be called before torch is imported.
-Profile `portable` gives the same bits on x86-64 CPUs of all vendors: ATen is held at AVX2, and MKL at the one path
-that it keeps on every CPU. Profile `fast` leaves the choice to the libraries: the same bits on one kind of CPU only.
+PyTorch, MKL and NumPy's OpenBLAS choose their code paths when they are first loaded, so `apply` must be called before torch
+and NumPy are imported. PyArrow imports NumPy, and parameters are sometimes read after it: `prepare` sets what NumPy needs
+before any profile is known.
+Profile `portable` gives the same bits on x86-64 CPUs of all vendors: ATen and OpenBLAS are held at AVX2, and MKL at the one
+path that it keeps on every CPU. Profile `fast` leaves the choice to the libraries: the same bits on one kind of CPU only.
 Both use one thread, since the number of threads changes sums. Not covered by any switch: MKL's vector maths (square
 root, pow(x, 0.5), arc cosine, arc sine), which the project's own code avoids.
 """
@@ -19,8 +21,9 @@ from porse.errors import ParamsError
 Profile = Literal["portable", "fast"]
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_DYNAMIC": "FALSE"}
+_BEFORE_NUMPY = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"}
 ENVIRONMENT: dict[Profile, dict[str, str]] = {
-    "portable": {**_ONE_THREAD, "ATEN_CPU_CAPABILITY": "avx2", "MKL_CBWR": "COMPATIBLE"},
+    "portable": {**_ONE_THREAD, **_BEFORE_NUMPY, "ATEN_CPU_CAPABILITY": "avx2", "MKL_CBWR": "COMPATIBLE"},
     "fast": _ONE_THREAD,
 }
 """Environment variables of each profile."""
@@ -43,12 +46,28 @@ _PACKAGES = (
 )
 
 
+def prepare() -> None:
+    """Sets what NumPy must find when it is loaded, whatever the profile; nothing on a CPU without these kernels.
+
+    For a program that reads its parameters after it imported NumPy. `apply` tells whether it was called in time.
+    """
+    if "numpy" not in sys.modules and _NEEDED["portable"] <= _cpu_flags():
+        os.environ.update(_BEFORE_NUMPY)
+
+
+def applied() -> Profile:
+    """Returns the profile of this process: `portable` if all its variables are set."""
+    return (
+        "portable" if all(os.environ.get(name) == value for name, value in ENVIRONMENT["portable"].items()) else "fast"
+    )
+
+
 def apply(profile: Profile) -> None:
     """Sets the environment variables of `profile` for this process and its children.
 
     Raises:
-        ParamsError: torch is loaded already and the variables are not as the profile wants them; or the profile needs
-            instructions that this CPU does not have.
+        ParamsError: torch or NumPy is loaded already and its variables are not as the profile wants them; or the profile
+            needs instructions that this CPU does not have.
     """
     wanted = ENVIRONMENT[profile]
     lacking = sorted(_NEEDED[profile] - _cpu_flags())
@@ -58,11 +77,12 @@ def apply(profile: Profile) -> None:
             " it would end with an illegal instruction: take another machine, or set numerics: fast, which ends with other bits"
         )
     differ = [name for name, value in wanted.items() if os.environ.get(name) != value]
-    if differ and "torch" in sys.modules:
-        raise ParamsError(
-            f"expected the numeric profile {profile} to be set before torch is loaded, found torch loaded and {', '.join(differ)}"
-            " set otherwise; call porse.numerics.apply first, or start the process with these variables set"
-        )
+    for library, late in (("torch", differ), ("numpy", [name for name in differ if name in _BEFORE_NUMPY])):
+        if late and library in sys.modules:
+            raise ParamsError(
+                f"expected the numeric profile {profile} to be set before {library} is loaded, found {library} loaded and {', '.join(late)}"
+                " set otherwise; call porse.numerics.apply first, or start the process with these variables set"
+            )
     os.environ.update(wanted)
 
 

@@ -1,4 +1,4 @@
-"""The lean PPO does what rsl_rl's does, bit for bit, in both numeric profiles."""
+"""With PyTorch's products, the lean PPO does what rsl_rl's does, bit for bit, in both numeric profiles."""
 
 import dataclasses
 import os
@@ -12,8 +12,10 @@ from rsl_rl.algorithms import PPO
 
 from porse import numerics
 from porse.config import load_params
+from porse.training import gradients
 from porse.training.gradients import of_clamped
 from porse.training.ppo import build_ppo
+from porse.training.products import TorchProducts
 from porse.training.snapshot import optimizer_arrays, policy_arrays
 from porse.training.vecenv import observation_groups
 
@@ -31,6 +33,12 @@ VARIED = {
     "sizes of a training": {"num_envs": 129, "hidden": (64, 64)},
 }
 """Minibatches of 14 samples, or of 301: no power of two, so that each division has to be the library's."""
+
+
+@pytest.fixture(autouse=True)
+def _torch_products(monkeypatch):
+    """The library's products: those of the profile `portable` have other bits (tests/test_products.py)."""
+    monkeypatch.setattr(gradients, "products_on", lambda device: TorchProducts())
 
 
 def made(changes):

@@ -6,9 +6,11 @@ from contextlib import contextmanager
 from itertools import pairwise
 
 import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
+from porse import numerics
 from porse.config import TrainParams
 from porse.sim.physics import CpuPhysics
 from porse.tasks.base import Task
@@ -57,8 +59,18 @@ def bare_steps_s(physics: CpuPhysics, starts: Sequence[Tensor], substeps: int, c
     return spent
 
 
+def _by_torch(left: Tensor, right: Tensor, result: Tensor) -> None:
+    torch.mm(left, right, out=result)
+
+
+def _by_numpy(left: Tensor, right: Tensor, result: Tensor) -> None:
+    np.matmul(left.numpy(), right.numpy(), out=result.numpy())
+
+
 class Products:
     """The matrix products of one epoch of PPO, with factors of the same sizes and in memory of their own.
+
+    They are those of this process's numeric profile: PyTorch's, or in `portable` NumPy's.
 
     In the rollout, both networks act on every state, and the critic on the last one. In the update, each minibatch has the
     products of both networks, and for each the gradients of all weights and of all layers' inputs but the first's.
@@ -72,6 +84,7 @@ class Products:
     def __init__(self, observations: int, actions: int, train: TrainParams) -> None:
         batch = train.num_envs * train.steps_per_epoch // train.minibatches
         actor, critic = ([observations, *train.hidden, outputs] for outputs in (actions, 1))
+        self._multiply = _by_numpy if numerics.applied() == "portable" else _by_torch
         forward = [self._forward(widths, train.num_envs) for widths in (actor, critic)]
         update = [self._forward(widths, batch) + self._backward(widths, batch) for widths in (actor, critic)]
         self._parts = [
@@ -86,8 +99,8 @@ class Products:
         with torch.inference_mode():
             for times, products in self._parts:
                 for _ in range(times):
-                    for left, right, result in products:
-                        torch.mm(left, right, out=result)
+                    for factors in products:
+                        self._multiply(*factors)
         return time.process_time() - begun
 
     def count(self) -> int:

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import torch
 from rsl_rl.models import MLPModel
 from torch import Tensor, nn
-from torch.nn import functional
+
+from porse.training.products import products_on
 
 _SLOPES = {
     nn.ELU: lambda gradient, given, made: torch.ops.aten.elu_backward(gradient, 1.0, 1.0, 1.0, False, given),
@@ -27,23 +28,26 @@ class Layers:
         self._linear = [layer for layer in network.mlp if isinstance(layer, nn.Linear)]
         self._activate = network.mlp[1]
         self._slope = _SLOPES[type(self._activate)]
+        self._products = products_on(self._linear[0].weight.device)
 
     def __call__(self, latent: Tensor) -> Tensor:
         """Returns the outputs for normalised observations, and keeps what `learn` needs."""
         self._given, self._made = [], [latent]
         for layer in self._linear[:-1]:
-            self._given.append(functional.linear(self._made[-1], layer.weight, layer.bias))
+            self._given.append(self._products.outputs(self._made[-1], layer.weight, layer.bias))
             self._made.append(self._activate(self._given[-1]))
-        return functional.linear(self._made[-1], self._linear[-1].weight, self._linear[-1].bias)
+        return self._products.outputs(self._made[-1], self._linear[-1].weight, self._linear[-1].bias)
 
     def learn(self, gradient: Tensor) -> None:
         """Writes the gradients of all weights, from that of the last outputs."""
         for place in reversed(range(len(self._linear))):
             layer = self._linear[place]
-            torch.mm(gradient.t(), self._made[place], out=layer.weight.grad)
+            assert layer.weight.grad is not None
+            self._products.of_weight(gradient, self._made[place], layer.weight.grad)
             torch.sum(gradient, 0, out=layer.bias.grad)
             if place:
-                gradient = self._slope(gradient.mm(layer.weight), self._given[place - 1], self._made[place])
+                gradient = self._products.of_inputs(gradient, layer.weight)
+                gradient = self._slope(gradient, self._given[place - 1], self._made[place])
 
 
 def of_larger(first: Tensor, second: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
