@@ -13,13 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from porse import numerics
-from porse.config import Params, parse_part
-from porse.errors import PorseError
-from porse.processes import die_with_parent, expected_parent
-from porse.training.job import Ended, Job, Outcome, Report, Tell
-from porse.training.limits import limits_from_environment
-from porse.training.local import Local, message_of
-from porse.training.parts import train_in_parts
+
+# The imports below load NumPy, and the order with the profile is read after them.
+numerics.prepare()
+
+from porse.config import Params, parse_part  # noqa: E402
+from porse.errors import PorseError  # noqa: E402
+from porse.processes import die_with_parent, expected_parent  # noqa: E402
+from porse.training.job import Ended, Job, Outcome, Report, Tell  # noqa: E402
+from porse.training.limits import limits_from_environment  # noqa: E402
+from porse.training.local import Local, message_of  # noqa: E402
+from porse.training.parts import train_in_parts  # noqa: E402
 
 
 def job_document(job: Job) -> dict[str, Any]:

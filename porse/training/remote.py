@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from porse import numerics
 from porse.config import Params, document_of
 from porse.errors import PorseError
 from porse.training.job import Ended, Job, Report, Tell
@@ -184,8 +183,6 @@ class _Training:
             "every_s": every_s,
         }
         given = {name: os.environ[name] for name in _FORWARDED if os.environ.get(name)}
-        # The process imports NumPy before it reads the order.
-        given |= numerics.ENVIRONMENT[params.numerics]
         command = (sys.executable, "-m", "porse.training.node")
         # A training that is on a GPU has it to itself.
         gpus = int(is_on_gpu(params.device))
