@@ -13,7 +13,10 @@ import mujoco
 import numpy as np
 import torch
 from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
 from torch import Tensor
+
+from porse.sim.stages import second_pass
 
 SPEED_LIMIT = 1e4
 """Generalised speed (m/s or rad/s) above which a simulation counts as blown up; no task moves at a tenth of it."""
@@ -24,6 +27,9 @@ _BAD = [
     mujoco.mjtWarning.mjWARN_BADQACC.value,
     mujoco.mjtWarning.mjWARN_BADCTRL.value,
 ]
+
+_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
+_VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 
 _QUIET = ctypes.CDLL(None).strlen
 """A warning handler that does nothing: it must be a C function of one string, since native threads call it."""
@@ -141,7 +147,8 @@ class CpuPhysics(Physics):
             model: the compiled model.
             num_envs: number of simulations.
             threads: native threads that step them; does not change any result.
-            fields: derived `MjData` fields that `read` will be asked for. With none, the derived stages are skipped.
+            fields: derived `MjData` fields that `read` will be asked for; a step is followed by what they need (see
+                `porse.sim.stages`).
         """
         if mujoco.get_mju_user_warning() is None:
             # By default MuJoCo prints each bad state and appends it to a file in the working directory.
@@ -149,8 +156,12 @@ class CpuPhysics(Physics):
         self.model = model
         self.num_envs = num_envs
         self._batch = Batch(model, num_envs, threads)
-        self._fields = {name: self._batch.bind(name) for name in fields}
-        self._stage = (mujoco.mjtStage.mjSTAGE_VEL if fields else mujoco.mjtStage.mjSTAGE_NONE).value
+        after = second_pass(model, fields)
+        self._derived = None if after.model is None else Batch(after.model, num_envs, threads)
+        self._fields = {name: self._batch.bind(name) for name in after.stepped}
+        if self._derived is not None:
+            self._fields |= {name: self._derived.bind(name) for name in after.derived}
+        self._stage = _VELOCITIES if after.is_whole else _NONE
         self._initial = self._batch.state[0].copy()
         self.qpos = torch.from_numpy(self._batch.bind("qpos"))
         self.qvel = torch.from_numpy(self._batch.bind("qvel"))
@@ -170,15 +181,8 @@ class CpuPhysics(Physics):
                     self.qvel *= self.kept
                 if self.fastest is not None:
                     torch.clamp(self.qvel, -self.fastest, self.fastest, out=self.qvel)
-                raised += self._step(1, mujoco.mjtStage.mjSTAGE_NONE.value if left else self._stage)
-        # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
-        warning = self._batch.warning
-        bad = ~(np.abs(self._batch.bind("qvel")).max(axis=1) <= SPEED_LIMIT)
-        if warning.any():
-            bad |= warning[:, _BAD, 1].any(axis=1)
-            warning[:] = 0
-        bad[raised] = True
-        return torch.from_numpy(bad)
+                raised += self._step(1, _NONE if left else self._stage)
+        return torch.from_numpy(self._bad(raised + self._derive()))
 
     def _step(self, substeps: int, stage: int) -> list[int]:
         """Steps the batch, and returns the simulations that raised an error."""
@@ -188,13 +192,41 @@ class CpuPhysics(Physics):
             return list(error.ids)
         return []
 
+    def _derive(self) -> list[int]:
+        """Computes the fields that stepping has not, and returns the simulations that raised an error."""
+        if self._derived is None:
+            return []
+        self._derived.state[:] = self._batch.state
+        try:
+            self._derived.forward(stage=_VELOCITIES)
+        except SimulationError as error:
+            return list(error.ids)
+        return []
+
+    def _bad(self, raised: list[int]) -> NDArray[np.bool_]:
+        """Returns which simulations are in no state to go on."""
+        fine = bool(self.qvel.abs().max() <= SPEED_LIMIT)
+        bad = np.zeros(self.num_envs, np.bool_) if fine else ~(np.abs(self.qvel.numpy()).max(axis=1) <= SPEED_LIMIT)
+        # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
+        warning = self._batch.warning
+        if warning.any():
+            bad |= warning[:, _BAD, 1].any(axis=1)
+            warning[:] = 0
+        bad[raised] = True
+        return bad
+
     def restart(self, ids: Tensor) -> None:
         """See `Physics.restart`."""
         self._batch.state[ids.numpy()] = self._initial
 
     def refresh(self, ids: Tensor) -> None:
         """See `Physics.refresh`."""
-        self._batch.forward(ids.numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        rows = ids.numpy()
+        if self._stage == _VELOCITIES:
+            self._batch.forward(rows, stage=_VELOCITIES)
+        elif self._derived is not None:
+            self._derived.state[rows] = self._batch.state[rows]
+            self._derived.forward(rows, stage=_VELOCITIES)
 
     def read(self, field: str, ids: Tensor | None = None) -> Tensor:
         """See `Physics.read`."""

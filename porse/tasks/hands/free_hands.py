@@ -24,6 +24,8 @@ PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
 FINGER_POINT = torch.tensor([0.0, 0.0, 0.02])
 """Fingertip point in the frame of a last finger link (m)."""
 
+_TIPS = tuple(f"{hand}_hand_{finger}" for hand in SIDES for finger in shadow.FINGERS)
+
 
 @dataclass(frozen=True)
 class Handle:
@@ -77,26 +79,31 @@ class FreeHandTask(TwoHandTask):
             self._physics.qpos[ids, int(joint.qposadr[0])] = position
             self._physics.qvel[ids, int(joint.dofadr[0])] = speed
 
+    def _prepare(self) -> None:
+        super()._prepare()
+        self._palms = torch.tensor([PALM, HAND_BODIES + PALM])
+        self._handle_bodies = [2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body) for handle in self.HANDLES]
+        self._offsets = torch.tensor([handle.offset for handle in self.HANDLES])
+
     def _name_measurements(self) -> None:
         states = self.rigid_body_states
-        palms = states[:, [PALM, HAND_BODIES + PALM]]
+        palms = states.index_select(1, self._palms)
         palm_points = palms[..., :3] + rotations.rotate(palms[..., 3:7], PALM_POINT)
         self.right_hand_pos, self.left_hand_pos = palm_points.unbind(1)
         self.right_hand_rot, self.left_hand_rot = palms[..., 3:7].unbind(1)
-        tips = states[:, [*DISTAL, *(HAND_BODIES + body for body in DISTAL)]]
-        points = tips[..., :3] + rotations.rotate(tips[..., 3:7], FINGER_POINT)
+        turns = self._tip_states[..., 3:7]
+        points = self._tip_states[..., :3] + rotations.rotate(turns, FINGER_POINT)
         self._tips = points.view(self.num_envs, 2, len(DISTAL), 3)
-        for side, hand in enumerate(SIDES):
-            for finger, name in enumerate(shadow.FINGERS):
-                setattr(self, f"{hand}_hand_{name}_pos", self._tips[:, side, finger])
-                setattr(self, f"{hand}_hand_{name}_rot", tips[:, side * len(DISTAL) + finger, 3:7])
+        for name, point, turn in zip(_TIPS, points.unbind(1), turns.unbind(1), strict=True):
+            setattr(self, f"{name}_pos", point)
+            setattr(self, f"{name}_rot", turn)
         for name, body in self.BODIES:
             self._name_body(name, body)
-        for handle in self.HANDLES:
-            state = states[:, 2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body)]
-            position = state[:, 0:3] + rotations.rotate(state[:, 3:7], torch.tensor(handle.offset))
-            setattr(self, f"{handle.name}_pos", position)
-            setattr(self, f"{handle.name}_rot", state[:, 3:7])
+        for handle, column, offset in zip(self.HANDLES, self._handle_bodies, self._offsets, strict=True):
+            state = states[:, column]
+            turn = state[:, 3:7]
+            setattr(self, f"{handle.name}_pos", state[:, 0:3] + rotations.rotate(turn, offset))
+            setattr(self, f"{handle.name}_rot", turn)
 
     def reach(self, side: str, point: Tensor) -> Tensor:
         """Returns the sum (m) of the distances from a hand's five fingertips to a point `(num_envs, 3)`."""
