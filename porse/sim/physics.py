@@ -16,7 +16,8 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 from torch import Tensor
 
-from porse.sim.stages import second_pass
+from porse.sim import skeleton
+from porse.sim.stages import PASSIVE, second_pass
 
 SPEED_LIMIT = 1e4
 """Generalised speed (m/s or rad/s) above which a simulation counts as blown up; no task moves at a tenth of it."""
@@ -157,11 +158,14 @@ class CpuPhysics(Physics):
         self.num_envs = num_envs
         self._batch = Batch(model, num_envs, threads)
         after = second_pass(model, fields)
-        self._derived = None if after.model is None else Batch(after.model, num_envs, threads)
-        self._fields = {name: self._batch.bind(name) for name in after.stepped}
-        if self._derived is not None:
-            self._fields |= {name: self._derived.bind(name) for name in after.derived}
         self._stage = _VELOCITIES if after.is_whole else _NONE
+        self._fields = {name: self._batch.bind(name) for name in after.stepped}
+        self._bones = Batch(skeleton.skeleton_of(model), num_envs, threads) if after.posed else None
+        if self._bones is not None:
+            self._fields |= {name: self._bones.bind(name) for name in after.posed}
+        self._springs = after.springs
+        if self._springs is not None:
+            self._fields[PASSIVE] = np.zeros((num_envs, model.nv))
         self._initial = self._batch.state[0].copy()
         self.qpos = torch.from_numpy(self._batch.bind("qpos"))
         self.qvel = torch.from_numpy(self._batch.bind("qvel"))
@@ -192,13 +196,18 @@ class CpuPhysics(Physics):
             return list(error.ids)
         return []
 
-    def _derive(self) -> list[int]:
-        """Computes the fields that stepping has not, and returns the simulations that raised an error."""
-        if self._derived is None:
+    def _derive(self, rows: NDArray[np.int64] | None = None) -> list[int]:
+        """Computes what stepping has not, for some simulations or all, and returns those that raised an error."""
+        some = slice(None) if rows is None else rows
+        if self._springs is not None:
+            bind = self._batch.bind
+            self._fields[PASSIVE][some] = self._springs.forces(bind("qpos")[some], bind("qvel")[some])
+        if self._bones is None:
             return []
-        self._derived.state[:] = self._batch.state
+        for name in skeleton.STATE:
+            self._bones.bind(name)[some] = self._batch.bind(name)[some]
         try:
-            self._derived.forward(stage=_VELOCITIES)
+            self._bones.forward(rows, stage=_VELOCITIES)
         except SimulationError as error:
             return list(error.ids)
         return []
@@ -221,12 +230,9 @@ class CpuPhysics(Physics):
 
     def refresh(self, ids: Tensor) -> None:
         """See `Physics.refresh`."""
-        rows = ids.numpy()
         if self._stage == _VELOCITIES:
-            self._batch.forward(rows, stage=_VELOCITIES)
-        elif self._derived is not None:
-            self._derived.state[rows] = self._batch.state[rows]
-            self._derived.forward(rows, stage=_VELOCITIES)
+            self._batch.forward(ids.numpy(), stage=_VELOCITIES)
+        self._derive(ids.numpy())
 
     def read(self, field: str, ids: Tensor | None = None) -> Tensor:
         """See `Physics.read`."""
