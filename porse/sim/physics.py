@@ -22,6 +22,8 @@ from porse.sim.stages import PASSIVE, second_pass
 SPEED_LIMIT = 1e4
 """Generalised speed (m/s or rad/s) above which a simulation counts as blown up; no task moves at a tenth of it."""
 
+Floats = NDArray[np.float64]
+
 _BAD = [
     mujoco.mjtWarning.mjWARN_BADQPOS.value,
     mujoco.mjtWarning.mjWARN_BADQVEL.value,
@@ -161,8 +163,10 @@ class CpuPhysics(Physics):
         self._stage = _VELOCITIES if after.is_whole else _NONE
         self._fields = {name: self._batch.bind(name) for name in after.stepped}
         self._bones = Batch(skeleton.skeleton_of(model), num_envs, threads) if after.posed else None
+        self._poses: list[tuple[Floats, Floats]] = []
         if self._bones is not None:
             self._fields |= {name: self._bones.bind(name) for name in after.posed}
+            self._poses = [(self._bones.bind(name), self._batch.bind(name)) for name in skeleton.STATE]
         self._springs = after.springs
         if self._springs is not None:
             self._fields[PASSIVE] = np.zeros((num_envs, model.nv))
@@ -200,12 +204,12 @@ class CpuPhysics(Physics):
         """Computes what stepping has not, for some simulations or all, and returns those that raised an error."""
         some = slice(None) if rows is None else rows
         if self._springs is not None:
-            bind = self._batch.bind
-            self._fields[PASSIVE][some] = self._springs.forces(bind("qpos")[some], bind("qvel")[some])
+            forces = self._springs.forces(self.qpos.numpy()[some], self.qvel.numpy()[some])
+            self._fields[PASSIVE][some] = forces
         if self._bones is None:
             return []
-        for name in skeleton.STATE:
-            self._bones.bind(name)[some] = self._batch.bind(name)[some]
+        for theirs, ours in self._poses:
+            theirs[some] = ours[some]
         try:
             self._bones.forward(rows, stage=_VELOCITIES)
         except SimulationError as error:
@@ -214,14 +218,17 @@ class CpuPhysics(Physics):
 
     def _bad(self, raised: list[int]) -> NDArray[np.bool_]:
         """Returns which simulations are in no state to go on."""
-        fine = bool(self.qvel.abs().max() <= SPEED_LIMIT)
+        slowest, fastest = torch.aminmax(self.qvel)
+        # Comparisons with NaN are false.
+        fine = float(slowest) >= -SPEED_LIMIT and float(fastest) <= SPEED_LIMIT
         bad = np.zeros(self.num_envs, np.bool_) if fine else ~(np.abs(self.qvel.numpy()).max(axis=1) <= SPEED_LIMIT)
         # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
         warning = self._batch.warning
         if warning.any():
             bad |= warning[:, _BAD, 1].any(axis=1)
             warning[:] = 0
-        bad[raised] = True
+        if raised:
+            bad[raised] = True
         return bad
 
     def restart(self, ids: Tensor) -> None:

@@ -18,10 +18,10 @@ from porse.tasks.hands.two_hands import DISTAL, HAND_BODIES, PALM, TwoHandTask
 from porse.tasks.hands.variables import FREE_ACTIONS, SIDES, point_variables
 from porse.variables import Variable
 
-PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
+PALM_POINT = (0.0, -0.02, 0.08)
 """Palm point in the frame of the palm (m)."""
 
-FINGER_POINT = torch.tensor([0.0, 0.0, 0.02])
+FINGER_POINT = (0.0, 0.0, 0.02)
 """Fingertip point in the frame of a last finger link (m)."""
 
 _TIPS = tuple(f"{hand}_hand_{finger}" for hand in SIDES for finger in shadow.FINGERS)
@@ -81,29 +81,25 @@ class FreeHandTask(TwoHandTask):
 
     def _prepare(self) -> None:
         super()._prepare()
-        self._palms = torch.tensor([PALM, HAND_BODIES + PALM])
-        self._handle_bodies = [2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body) for handle in self.HANDLES]
-        self._offsets = torch.tensor([handle.offset for handle in self.HANDLES])
+        # All points that move with bodies, and in one go: palms, fingertips, handles.
+        objects = [2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body) for handle in self.HANDLES]
+        columns = [PALM, HAND_BODIES + PALM, *self.fingertip_handles, *self.fingertip_another_handles, *objects]
+        self._point_bodies = torch.tensor(columns)
+        offsets = [PALM_POINT] * 2 + [FINGER_POINT] * len(_TIPS) + [handle.offset for handle in self.HANDLES]
+        self._offsets = torch.tensor(offsets)
+        names = [f"{hand}_hand" for hand in SIDES] + [*_TIPS] + [handle.name for handle in self.HANDLES]
+        self._point_names = [(f"{name}_pos", f"{name}_rot") for name in names]
 
     def _name_measurements(self) -> None:
-        states = self.rigid_body_states
-        palms = states.index_select(1, self._palms)
-        palm_points = palms[..., :3] + rotations.rotate(palms[..., 3:7], PALM_POINT)
-        self.right_hand_pos, self.left_hand_pos = palm_points.unbind(1)
-        self.right_hand_rot, self.left_hand_rot = palms[..., 3:7].unbind(1)
-        turns = self._tip_states[..., 3:7]
-        points = self._tip_states[..., :3] + rotations.rotate(turns, FINGER_POINT)
-        self._tips = points.view(self.num_envs, 2, len(DISTAL), 3)
-        for name, point, turn in zip(_TIPS, points.unbind(1), turns.unbind(1), strict=True):
-            setattr(self, f"{name}_pos", point)
-            setattr(self, f"{name}_rot", turn)
+        states = self.rigid_body_states.index_select(1, self._point_bodies)
+        turns = states[..., 3:7]
+        points = states[..., :3] + rotations.rotate(turns, self._offsets)
+        for (pos, rot), point, turn in zip(self._point_names, points.unbind(1), turns.unbind(1), strict=True):
+            setattr(self, pos, point)
+            setattr(self, rot, turn)
+        self._tips = points[:, 2 : 2 + len(_TIPS)].view(self.num_envs, 2, len(DISTAL), 3)
         for name, body in self.BODIES:
             self._name_body(name, body)
-        for handle, column, offset in zip(self.HANDLES, self._handle_bodies, self._offsets, strict=True):
-            state = states[:, column]
-            turn = state[:, 3:7]
-            setattr(self, f"{handle.name}_pos", state[:, 0:3] + rotations.rotate(turn, offset))
-            setattr(self, f"{handle.name}_rot", turn)
 
     def reach(self, side: str, point: Tensor) -> Tensor:
         """Returns the sum (m) of the distances from a hand's five fingertips to a point `(num_envs, 3)`."""

@@ -220,6 +220,10 @@ class TwoHandTask(SuccessTask):
     def _remeasure(self) -> None:
         self._name_all()
 
+    def observations(self) -> Tensor:
+        """Returns the observations now, float32 `(num_envs, NUM_OBSERVATIONS)`: a new tensor, and none is clipped."""
+        return self.compute_observations()
+
     def _name_all(self) -> None:
         """Sets the attributes named in `VARIABLES` from the buffers."""
         joints = self._physics.positions().index_select(1, self._qpos_index)
@@ -228,8 +232,8 @@ class TwoHandTask(SuccessTask):
         self.shadow_hand_dof_vel, self.shadow_hand_another_dof_vel = speeds.split(HAND_JOINTS, dim=-1)
         states = self.rigid_body_states
         self.root_state_tensor = states.index_select(1, self._actors)
-        self._tip_states = states.index_select(1, self._tip_bodies)
-        self.fingertip_state, self.fingertip_another_state = self._tip_states.split(len(DISTAL), dim=1)
+        tips = states.index_select(1, self._tip_bodies)
+        self.fingertip_state, self.fingertip_another_state = tips.split(len(DISTAL), dim=1)
         self.fingertip_pos = self.fingertip_state[..., :3]
         self.fingertip_another_pos = self.fingertip_another_state[..., :3]
         self._name_measurements()

@@ -129,8 +129,8 @@ class Humanoid(WalkingTask):
 
     def _measure(self) -> None:
         read = self._physics.read
-        forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
-        self.dof_force_tensor = forces[:, self._qvel_index]
+        forces = read("qfrc_actuator").add_(read("qfrc_passive")).add_(read("qfrc_constraint"))
+        self.dof_force_tensor = forces.index_select(1, self._qvel_index)
         self.vec_sensor_tensor = read("sensordata")
         self._name_measurements()
         self.prev_potentials = self.potentials
