@@ -220,10 +220,6 @@ class TwoHandTask(SuccessTask):
     def _remeasure(self) -> None:
         self._name_all()
 
-    def observations(self) -> Tensor:
-        """Returns the observations now, float32 `(num_envs, NUM_OBSERVATIONS)`: a new tensor, and none is clipped."""
-        return self.compute_observations()
-
     def _name_all(self) -> None:
         """Sets the attributes named in `VARIABLES` from the buffers."""
         joints = self._physics.positions().index_select(1, self._qpos_index)
