@@ -121,6 +121,29 @@ def test_a_step_begins_at_the_highest_speed_at_most(physics: CpuPhysics) -> None
     assert physics.qvel[0, :3].tolist() == pytest.approx([-2.0, 5.0, -3.0981])
 
 
+def test_several_bounded_steps_are_so_many_single_ones(physics: CpuPhysics) -> None:
+    """A ball comes to the bound in the third of five steps, one is faster from the start, one is held; then that one blows up.
+
+    Without a bound the first would be at 5 g 0.01 = 0.4905 m/s; it begins its last step at 0.25 m/s.
+    """
+    physics.fastest = torch.tensor([torch.inf, torch.inf, 0.25, torch.inf, torch.inf, torch.inf], dtype=torch.float64)
+    physics.qvel[1, 2] = -3.0
+    physics.force[2, 1, 2] = 2 * 9.81
+    saved = physics.state()
+    assert not physics.advance(5).any()
+    at_once, places = physics.state(), physics.read("xpos")
+    assert physics.qvel[:, 2].tolist() == pytest.approx([-0.25 - 0.0981, -0.25 - 0.0981, 0.0], abs=1e-12)
+    physics.load_state(saved)
+    for _ in range(5):
+        physics.advance(1)
+    assert torch.equal(physics.state(), at_once)
+    assert torch.equal(physics.read("xpos"), places)
+    physics.load_state(saved)
+    physics.qvel[2, 0] = float("nan")
+    assert physics.advance(5).tolist() == [False, False, True]
+    assert torch.equal(physics.state()[:2], at_once[:2])
+
+
 def test_the_same_drag_as_an_implicit_damping() -> None:
     """c = 100 at 1/120 s is c' = 600 there: (1 - 100/120) (v + F dt / m) = (v + F dt / m) / (1 + 600/120)."""
     dt = 1 / 120

@@ -13,10 +13,16 @@ import mujoco
 import numpy as np
 import torch
 from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
 from torch import Tensor
+
+from porse.sim import skeleton
+from porse.sim.stages import PASSIVE, second_pass
 
 SPEED_LIMIT = 1e4
 """Generalised speed (m/s or rad/s) above which a simulation counts as blown up; no task moves at a tenth of it."""
+
+Floats = NDArray[np.float64]
 
 _BAD = [
     mujoco.mjtWarning.mjWARN_BADQPOS.value,
@@ -24,6 +30,9 @@ _BAD = [
     mujoco.mjtWarning.mjWARN_BADQACC.value,
     mujoco.mjtWarning.mjWARN_BADCTRL.value,
 ]
+
+_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
+_VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 
 _QUIET = ctypes.CDLL(None).strlen
 """A warning handler that does nothing: it must be a C function of one string, since native threads call it."""
@@ -141,7 +150,8 @@ class CpuPhysics(Physics):
             model: the compiled model.
             num_envs: number of simulations.
             threads: native threads that step them; does not change any result.
-            fields: derived `MjData` fields that `read` will be asked for. With none, the derived stages are skipped.
+            fields: derived `MjData` fields that `read` will be asked for; a step is followed by what they need (see
+                `porse.sim.stages`).
         """
         if mujoco.get_mju_user_warning() is None:
             # By default MuJoCo prints each bad state and appends it to a file in the working directory.
@@ -149,8 +159,17 @@ class CpuPhysics(Physics):
         self.model = model
         self.num_envs = num_envs
         self._batch = Batch(model, num_envs, threads)
-        self._fields = {name: self._batch.bind(name) for name in fields}
-        self._stage = (mujoco.mjtStage.mjSTAGE_VEL if fields else mujoco.mjtStage.mjSTAGE_NONE).value
+        after = second_pass(model, fields)
+        self._stage = _VELOCITIES if after.is_whole else _NONE
+        self._fields = {name: self._batch.bind(name) for name in after.stepped}
+        self._bones = Batch(skeleton.skeleton_of(model), num_envs, threads) if after.posed else None
+        self._poses: list[tuple[Floats, Floats]] = []
+        if self._bones is not None:
+            self._fields |= {name: self._bones.bind(name) for name in after.posed}
+            self._poses = [(self._bones.bind(name), self._batch.bind(name)) for name in skeleton.STATE]
+        self._springs = after.springs
+        if self._springs is not None:
+            self._fields[PASSIVE] = np.zeros((num_envs, model.nv))
         self._initial = self._batch.state[0].copy()
         self.qpos = torch.from_numpy(self._batch.bind("qpos"))
         self.qvel = torch.from_numpy(self._batch.bind("qvel"))
@@ -164,29 +183,82 @@ class CpuPhysics(Physics):
         raised: list[int] = []
         if self.kept is None and self.fastest is None:
             raised += self._step(substeps, self._stage)
+        elif self.kept is None and self.fastest is not None and self._stage == _NONE:
+            raised += self._step_bounded(substeps, self.fastest)
         else:
             for left in reversed(range(substeps)):
                 if self.kept is not None:
                     self.qvel *= self.kept
                 if self.fastest is not None:
                     torch.clamp(self.qvel, -self.fastest, self.fastest, out=self.qvel)
-                raised += self._step(1, mujoco.mjtStage.mjSTAGE_NONE.value if left else self._stage)
-        # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
-        warning = self._batch.warning
-        bad = ~(np.abs(self._batch.bind("qvel")).max(axis=1) <= SPEED_LIMIT)
-        if warning.any():
-            bad |= warning[:, _BAD, 1].any(axis=1)
-            warning[:] = 0
-        bad[raised] = True
-        return torch.from_numpy(bad)
+                raised += self._step(1, _NONE if left else self._stage)
+        return torch.from_numpy(self._bad(raised + self._derive()))
 
-    def _step(self, substeps: int, stage: int) -> list[int]:
-        """Steps the batch, and returns the simulations that raised an error."""
+    def _step_bounded(self, substeps: int, fastest: Tensor) -> list[int]:
+        """Steps where each step begins at the highest speeds at most, and returns the simulations that raised an error.
+
+        Few simulations become faster than that. All take all steps in one call, which leaves one simulation's data in the
+        caches from step to step, and those that became faster take them again, one by one.
+        """
+        torch.clamp(self.qvel, -fastest, fastest, out=self.qvel)
+        start = self._batch.state.copy()
+        speeds = np.empty((self.num_envs, substeps, self.model.nv))
+        failed: list[int] = []
         try:
-            self._batch.step(nstep=substeps, stage=stage)
+            self._batch.rollout(substeps, record=["qvel"], out={"qvel": speeds})
+        except SimulationError as error:
+            failed += error.ids
+        slow = (np.abs(speeds[:, :-1]) <= fastest.numpy()).all(axis=(1, 2))
+        # A simulation with a warning has stopped, with speeds that are not its own.
+        slow &= ~self._batch.warning[:, :, 1].any(axis=1)
+        slow[failed] = False
+        again = np.flatnonzero(~slow)
+        raised: list[int] = []
+        if len(again):
+            self._batch.state[again], self._batch.warning[again] = start[again], 0
+            for _ in range(substeps):
+                self.qvel[again] = torch.clamp(self.qvel[again], -fastest, fastest)
+                raised += self._step(1, _NONE, again)
+        return raised
+
+    def _step(self, substeps: int, stage: int, rows: NDArray[np.int64] | None = None) -> list[int]:
+        """Steps some simulations or all, and returns those that raised an error."""
+        try:
+            self._batch.step(rows, nstep=substeps, stage=stage)
         except SimulationError as error:
             return list(error.ids)
         return []
+
+    def _derive(self, rows: NDArray[np.int64] | None = None) -> list[int]:
+        """Computes what stepping has not, for some simulations or all, and returns those that raised an error."""
+        some = slice(None) if rows is None else rows
+        if self._springs is not None:
+            forces = self._springs.forces(self.qpos.numpy()[some], self.qvel.numpy()[some])
+            self._fields[PASSIVE][some] = forces
+        if self._bones is None:
+            return []
+        for theirs, ours in self._poses:
+            theirs[some] = ours[some]
+        try:
+            self._bones.forward(rows, stage=_VELOCITIES)
+        except SimulationError as error:
+            return list(error.ids)
+        return []
+
+    def _bad(self, raised: list[int]) -> NDArray[np.bool_]:
+        """Returns which simulations are in no state to go on."""
+        slowest, fastest = torch.aminmax(self.qvel)
+        # Comparisons with NaN are false.
+        fine = float(slowest) >= -SPEED_LIMIT and float(fastest) <= SPEED_LIMIT
+        bad = np.zeros(self.num_envs, np.bool_) if fine else ~(np.abs(self.qvel.numpy()).max(axis=1) <= SPEED_LIMIT)
+        # MuJoCo resets a simulation whose state is bad and goes on, so its warning counters are the evidence.
+        warning = self._batch.warning
+        if warning.any():
+            bad |= warning[:, _BAD, 1].any(axis=1)
+            warning[:] = 0
+        if raised:
+            bad[raised] = True
+        return bad
 
     def restart(self, ids: Tensor) -> None:
         """See `Physics.restart`."""
@@ -194,7 +266,9 @@ class CpuPhysics(Physics):
 
     def refresh(self, ids: Tensor) -> None:
         """See `Physics.refresh`."""
-        self._batch.forward(ids.numpy(), stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        if self._stage == _VELOCITIES:
+            self._batch.forward(ids.numpy(), stage=_VELOCITIES)
+        self._derive(ids.numpy())
 
     def read(self, field: str, ids: Tensor | None = None) -> Tensor:
         """See `Physics.read`."""

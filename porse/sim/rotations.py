@@ -17,6 +17,10 @@ XYZW_FROM_WXYZ = [1, 2, 3, 0]
 WXYZ_FROM_XYZW = [3, 0, 1, 2]
 """Indices that turn our quaternions into MuJoCo's."""
 
+_TURNS = torch.tensor((3, 2, 1, 0, 2, 3, 0, 1, 1, 0, 3, 2))
+_TURN_SIGNS = torch.tensor((1, -1, 1, -1, 1, 1, -1, -1, -1, 1, 1, -1.0))
+"""Signed components of q by which x, y and z of p are multiplied in the product p q."""
+
 
 def sqrt(x: Tensor) -> Tensor:
     """Returns the square root; on the CPU it is correctly rounded, and so the same on every CPU."""
@@ -41,17 +45,10 @@ def asin(x: Tensor) -> Tensor:
 
 def multiply(p: Tensor, q: Tensor) -> Tensor:
     """Returns the product p q: the rotation q, then p. Shapes broadcast to `(..., 4)`."""
-    px, py, pz, pw = p.unbind(-1)
-    qx, qy, qz, qw = q.unbind(-1)
-    return torch.stack(
-        (
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz,
-        ),
-        dim=-1,
-    )
+    # Row i holds what part i of p is multiplied by, x, y and z after w: few operations on all rows instead of many small ones.
+    turned = (q.index_select(-1, _TURNS) * _TURN_SIGNS).view(*q.shape[:-1], 3, 4)
+    x, y, z = (p[..., :3].unsqueeze(-1) * turned).unbind(-2)
+    return p[..., 3:] * q + x + y + z
 
 
 def conjugate(q: Tensor) -> Tensor:
@@ -61,7 +58,10 @@ def conjugate(q: Tensor) -> Tensor:
 
 def rotate(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vectors `v` `(..., 3)` turned by `q`: v + 2 w (u x v) + 2 u x (u x v), with q = (u, w)."""
-    u, w = q[..., :3], q[..., 3:]
+    return _rotate(q[..., :3], q[..., 3:], v)
+
+
+def _rotate(u: Tensor, w: Tensor, v: Tensor) -> Tensor:
     if u.shape != v.shape:
         u, v = torch.broadcast_tensors(u, v)
     t = 2.0 * torch.cross(u, v, dim=-1)
@@ -70,7 +70,7 @@ def rotate(q: Tensor, v: Tensor) -> Tensor:
 
 def rotate_inverse(q: Tensor, v: Tensor) -> Tensor:
     """Returns the vectors `v` `(..., 3)` turned back by `q`: a world vector in the frame of q."""
-    return rotate(conjugate(q), v)
+    return _rotate(-q[..., :3], q[..., 3:], v)
 
 
 def about_axis(axis: int, angle: Tensor) -> Tensor:

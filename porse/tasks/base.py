@@ -355,9 +355,9 @@ class Task(ABC):
         which gives all the rest.
         """
         if not self._physics.asynchronous:
-            ids = mask.nonzero().squeeze(-1)
+            ids = mask.nonzero()
             if len(ids):
-                do(ids)
+                do(ids.squeeze(-1))
             return
         names = ("progress", "head_start", "actions", "_diverged", *self.MEASURED)
         physics, values = self._physics.state(), {name: getattr(self, name).clone() for name in names}

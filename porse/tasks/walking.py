@@ -30,6 +30,8 @@ class WalkingTask(Task):
         joints = [self._physics.model.joint(name) for name in self.JOINTS]
         self._qpos_index = torch.tensor([int(joint.qposadr[0]) for joint in joints])
         self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
+        # A free joint has its position first, and then its orientation as MuJoCo orders it.
+        self._orientation = torch.tensor([3 + part for part in rotations.XYZW_FROM_WXYZ])
         for name, width in self.FORCES.items():
             setattr(self, name, torch.zeros(self.num_envs, width))
 
@@ -45,9 +47,9 @@ class WalkingTask(Task):
     def _name_measurements(self) -> None:
         """Sets the variables from the joints."""
         qpos, qvel = self._physics.positions(), self._physics.velocities()
-        orientation = qpos[:, [4, 5, 6, 3]]
+        orientation = qpos.index_select(1, self._orientation)
         # MuJoCo keeps a free joint's angular velocity in the body's own frame.
         spin = rotations.rotate(orientation, qvel[:, 3:6])
         self.root_states = torch.cat((qpos[:, 0:3], orientation, qvel[:, 0:3], spin), dim=-1)
-        self.dof_pos = qpos[:, self._qpos_index]
-        self.dof_vel = qvel[:, self._qvel_index]
+        self.dof_pos = qpos.index_select(1, self._qpos_index)
+        self.dof_vel = qvel.index_select(1, self._qvel_index)

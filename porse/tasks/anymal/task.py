@@ -107,7 +107,8 @@ class Anymal(WalkingTask):
 
     def _measure(self) -> None:
         read = self._physics.read
-        self.torques = (read("qfrc_actuator") + read("qfrc_passive"))[:, self._qvel_index]
+        forces = read("qfrc_actuator").add_(read("qfrc_passive"))
+        self.torques = forces.index_select(1, self._qvel_index)
         self._touch = read("sensordata")
         self._name_measurements()
 

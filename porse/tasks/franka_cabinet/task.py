@@ -107,6 +107,7 @@ class FrankaCabinet(SuccessTask):
         model = self._physics.model
         dt = self.CONTROL_DT / self.SUBSTEPS
         self._lead = torch.tensor([drive.lead for drive in drives(dt).values()], dtype=torch.float64)
+        self._lower, self._upper = LOWER.double(), UPPER.double()
         self._targets = torch.zeros(self.num_envs, 9, dtype=torch.float64)
         self._drawers = torch.tensor([int(model.joint(name).qposadr[0]) for name in CABINET_JOINTS])
         self.franka_dof_lower_limits = LOWER.repeat(self.num_envs, 1)
@@ -125,9 +126,9 @@ class FrankaCabinet(SuccessTask):
         self._targets[ids] = joints
 
     def _act(self) -> None:
-        self._targets = (self._targets + (SPEED * self.actions).double()).clamp(LOWER.double(), UPPER.double())
+        self._targets = (self._targets + (SPEED * self.actions).double()).clamp(self._lower, self._upper)
         joints = self._physics.qpos[:, :9]
-        self._physics.ctrl[:] = self._targets.clamp(joints - self._lead, joints + self._lead)
+        self._physics.ctrl.copy_(self._targets.clamp(joints - self._lead, joints + self._lead))
 
     def _measure(self) -> None:
         self.rigid_body_states = self._bodies.states()
@@ -144,7 +145,8 @@ class FrankaCabinet(SuccessTask):
         """Sets the variables from the body states and the joints."""
         qpos, qvel = self._physics.positions(), self._physics.velocities()
         self.franka_dof_pos, self.franka_dof_vel = qpos[:, :9], qvel[:, :9]
-        self.cabinet_dof_pos, self.cabinet_dof_vel = qpos[:, self._drawers], qvel[:, self._drawers]
+        self.cabinet_dof_pos = qpos.index_select(1, self._drawers)
+        self.cabinet_dof_vel = qvel.index_select(1, self._drawers)
         states = self.rigid_body_states
         hand, drawer = states[:, self.hand_handle], states[:, self.drawer_handle]
         left, right = states[:, self.lfinger_handle], states[:, self.rfinger_handle]

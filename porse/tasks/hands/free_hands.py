@@ -18,11 +18,13 @@ from porse.tasks.hands.two_hands import DISTAL, HAND_BODIES, PALM, TwoHandTask
 from porse.tasks.hands.variables import FREE_ACTIONS, SIDES, point_variables
 from porse.variables import Variable
 
-PALM_POINT = torch.tensor([0.0, -0.02, 0.08])
+PALM_POINT = (0.0, -0.02, 0.08)
 """Palm point in the frame of the palm (m)."""
 
-FINGER_POINT = torch.tensor([0.0, 0.0, 0.02])
+FINGER_POINT = (0.0, 0.0, 0.02)
 """Fingertip point in the frame of a last finger link (m)."""
+
+_TIPS = tuple(f"{hand}_hand_{finger}" for hand in SIDES for finger in shadow.FINGERS)
 
 
 @dataclass(frozen=True)
@@ -77,26 +79,27 @@ class FreeHandTask(TwoHandTask):
             self._physics.qpos[ids, int(joint.qposadr[0])] = position
             self._physics.qvel[ids, int(joint.dofadr[0])] = speed
 
+    def _prepare(self) -> None:
+        super()._prepare()
+        # All points that move with bodies, and in one go: palms, fingertips, handles.
+        objects = [2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body) for handle in self.HANDLES]
+        columns = [PALM, HAND_BODIES + PALM, *self.fingertip_handles, *self.fingertip_another_handles, *objects]
+        self._point_bodies = torch.tensor(columns)
+        offsets = [PALM_POINT] * 2 + [FINGER_POINT] * len(_TIPS) + [handle.offset for handle in self.HANDLES]
+        self._offsets = torch.tensor(offsets)
+        names = [f"{hand}_hand" for hand in SIDES] + [*_TIPS] + [handle.name for handle in self.HANDLES]
+        self._point_names = [(f"{name}_pos", f"{name}_rot") for name in names]
+
     def _name_measurements(self) -> None:
-        states = self.rigid_body_states
-        palms = states[:, [PALM, HAND_BODIES + PALM]]
-        palm_points = palms[..., :3] + rotations.rotate(palms[..., 3:7], PALM_POINT)
-        self.right_hand_pos, self.left_hand_pos = palm_points.unbind(1)
-        self.right_hand_rot, self.left_hand_rot = palms[..., 3:7].unbind(1)
-        tips = states[:, [*DISTAL, *(HAND_BODIES + body for body in DISTAL)]]
-        points = tips[..., :3] + rotations.rotate(tips[..., 3:7], FINGER_POINT)
-        self._tips = points.view(self.num_envs, 2, len(DISTAL), 3)
-        for side, hand in enumerate(SIDES):
-            for finger, name in enumerate(shadow.FINGERS):
-                setattr(self, f"{hand}_hand_{name}_pos", self._tips[:, side, finger])
-                setattr(self, f"{hand}_hand_{name}_rot", tips[:, side * len(DISTAL) + finger, 3:7])
+        states = self.rigid_body_states.index_select(1, self._point_bodies)
+        turns = states[..., 3:7]
+        points = states[..., :3] + rotations.rotate(turns, self._offsets)
+        for (pos, rot), point, turn in zip(self._point_names, points.unbind(1), turns.unbind(1), strict=True):
+            setattr(self, pos, point)
+            setattr(self, rot, turn)
+        self._tips = points[:, 2 : 2 + len(_TIPS)].view(self.num_envs, 2, len(DISTAL), 3)
         for name, body in self.BODIES:
             self._name_body(name, body)
-        for handle in self.HANDLES:
-            state = states[:, 2 * HAND_BODIES + self.OBJECT_BODIES.index(handle.body)]
-            position = state[:, 0:3] + rotations.rotate(state[:, 3:7], torch.tensor(handle.offset))
-            setattr(self, f"{handle.name}_pos", position)
-            setattr(self, f"{handle.name}_rot", state[:, 3:7])
 
     def reach(self, side: str, point: Tensor) -> Tensor:
         """Returns the sum (m) of the distances from a hand's five fingertips to a point `(num_envs, 3)`."""

@@ -141,6 +141,7 @@ class TwoHandTask(SuccessTask):
         self._bodies = Bodies(self._physics, tuple(names))
         actors = ["right/hand mount", "left/hand mount", *self.ACTORS]
         self._actors = torch.tensor([names.index(name) for name in actors])
+        self._tip_bodies = torch.tensor([*self.fingertip_handles, *self.fingertip_another_handles])
         for name in self.ACTORS:
             setattr(self, f"{name}_indices", actors.index(name))
         joints = [model.joint(f"{side}/{joint}") for side in sides for joint in shadow.JOINTS]
@@ -148,6 +149,8 @@ class TwoHandTask(SuccessTask):
         self._qvel_index = torch.tensor([int(joint.dofadr[0]) for joint in joints])
         self._lower, self._upper = JOINT_RANGES[:, 0], JOINT_RANGES[:, 1]
         self._driven = torch.tensor([shadow.JOINTS.index(joint) for joint in shadow.ACTUATED])
+        self._lowest = self._lower[self._driven]
+        self._span = self._upper[self._driven] - self._lowest
         self._control_index = torch.tensor(
             [model.actuator(f"{side}/A_{joint}").id for side in sides for joint in shadow.ACTUATED]
         )
@@ -161,7 +164,9 @@ class TwoHandTask(SuccessTask):
         self._weights = torch.tensor(
             [float(model.body_mass[body]) * _GRAVITY for body in heavy], dtype=self._physics.real
         )
-        self._forearms = torch.tensor([model.body(f"{side}/forearm").id for side in sides])
+        self._forearms = [model.body(f"{side}/forearm").id for side in sides]
+        gains = [self.FORCE_SCALE * _LINEAR_GAIN] * 3 + [self.TORQUE_SCALE * _ANGULAR_GAIN] * 3
+        self._push_scale = torch.tensor(gains, dtype=self._physics.real)
         sensors = [f"{side}/{f}_{kind}" for side in sides for f in shadow.FINGERS for kind in ("force", "torque")]
         starts = [int(model.sensor(name).adr[0]) for name in sensors]
         self._sensor_index = torch.tensor([start + axis for start in starts for axis in range(3)])
@@ -190,20 +195,19 @@ class TwoHandTask(SuccessTask):
         actions = self.actions
         if self.FREE:
             push = actions.view(self.num_envs, 2, 26)[:, :, :6].to(self._physics.real) * self.CONTROL_DT
-            push[:, :, :3] *= self.FORCE_SCALE * _LINEAR_GAIN
-            push[:, :, 3:] *= self.TORQUE_SCALE * _ANGULAR_GAIN
-            self._physics.force[:, self._forearms] = self._kept_share * push
-        share = (actions.view(self.num_envs, 2, -1)[:, :, -20:] + 1.0) * 0.5
-        lower, upper = self._lower[self._driven], self._upper[self._driven]
-        targets = (lower + share * (upper - lower)).reshape(self.num_envs, -1)
-        self._physics.ctrl[:, self._control_index] = targets.to(self._physics.real)
+            wrenches = push.mul_(self._push_scale).mul_(self._kept_share)
+            for side, forearm in enumerate(self._forearms):
+                self._physics.force[:, forearm] = wrenches[:, side]
+        share = (actions.view(self.num_envs, 2, -1)[:, :, -20:] + 1.0).mul_(0.5)
+        targets = share.mul_(self._span).add_(self._lowest).flatten(1)
+        self._physics.ctrl.index_copy_(1, self._control_index, targets.to(self._physics.real))
 
     def _measure(self) -> None:
         read = self._physics.read
         self.rigid_body_states = self._bodies.states()
-        forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
-        self.dof_force_tensor = forces[:, self._qvel_index]
-        self.vec_sensor_tensor = read("sensordata")[:, self._sensor_index]
+        forces = read("qfrc_actuator").add_(read("qfrc_passive")).add_(read("qfrc_constraint"))
+        self.dof_force_tensor = forces.index_select(1, self._qvel_index)
+        self.vec_sensor_tensor = read("sensordata").index_select(1, self._sensor_index)
         self._name_all()
 
     def _measure_started(self, ids: Tensor) -> None:
@@ -218,14 +222,14 @@ class TwoHandTask(SuccessTask):
 
     def _name_all(self) -> None:
         """Sets the attributes named in `VARIABLES` from the buffers."""
-        joints = self._physics.qpos[:, self._qpos_index].float()
-        speeds = self._physics.qvel[:, self._qvel_index].float()
+        joints = self._physics.positions().index_select(1, self._qpos_index)
+        speeds = self._physics.velocities().index_select(1, self._qvel_index)
         self.shadow_hand_dof_pos, self.shadow_hand_another_dof_pos = joints.split(HAND_JOINTS, dim=-1)
         self.shadow_hand_dof_vel, self.shadow_hand_another_dof_vel = speeds.split(HAND_JOINTS, dim=-1)
         states = self.rigid_body_states
-        self.root_state_tensor = states[:, self._actors]
-        self.fingertip_state = states[:, self.fingertip_handles]
-        self.fingertip_another_state = states[:, self.fingertip_another_handles]
+        self.root_state_tensor = states.index_select(1, self._actors)
+        tips = states.index_select(1, self._tip_bodies)
+        self.fingertip_state, self.fingertip_another_state = tips.split(len(DISTAL), dim=1)
         self.fingertip_pos = self.fingertip_state[..., :3]
         self.fingertip_another_pos = self.fingertip_another_state[..., :3]
         self._name_measurements()

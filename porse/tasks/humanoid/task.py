@@ -113,6 +113,7 @@ class Humanoid(WalkingTask):
         self.dof_limits_upper = limits[:, 1].repeat(self.num_envs, 1)
         self.targets = torch.tensor(TARGET).repeat(self.num_envs, 1)
         self.inv_start_rot = torch.tensor([0.0, 0.0, 0.0, 1.0]).repeat(self.num_envs, 1)
+        self._axes = torch.stack((UP, FORWARD))
         self.basis_vec0 = FORWARD.repeat(self.num_envs, 1)
         self.basis_vec1 = UP.repeat(self.num_envs, 1)
         self.potentials = torch.zeros(self.num_envs)
@@ -129,8 +130,8 @@ class Humanoid(WalkingTask):
 
     def _measure(self) -> None:
         read = self._physics.read
-        forces = read("qfrc_actuator") + read("qfrc_passive") + read("qfrc_constraint")
-        self.dof_force_tensor = forces[:, self._qvel_index]
+        forces = read("qfrc_actuator").add_(read("qfrc_passive")).add_(read("qfrc_constraint"))
+        self.dof_force_tensor = forces.index_select(1, self._qvel_index)
         self.vec_sensor_tensor = read("sensordata")
         self._name_measurements()
         self.prev_potentials = self.potentials
@@ -144,9 +145,8 @@ class Humanoid(WalkingTask):
 
     def _name_measurements(self) -> None:
         super()._name_measurements()
-        orientation = self.root_states[:, 3:7]
-        self.up_vec = rotations.rotate(orientation, UP)
-        self.heading_vec = rotations.rotate(orientation, FORWARD)
+        turned = rotations.rotate(self.root_states[:, 3:7].unsqueeze(1), self._axes)
+        self.up_vec, self.heading_vec = turned.unbind(1)
 
     def _potential(self) -> Tensor:
         """Returns minus the horizontal distance to the target over the control step, `(num_envs,)`."""

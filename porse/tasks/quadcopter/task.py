@@ -68,6 +68,12 @@ class Quadcopter(Task):
 
     def _prepare(self) -> None:
         self.target_root_positions = torch.tensor(TARGET).repeat(self.num_envs, 1)
+        # A free joint has its position first, and then its orientation as MuJoCo orders it.
+        self._orientation = torch.tensor([3 + part for part in rotations.XYZW_FROM_WXYZ])
+        tilts, thrusts, real = 8, 4, self._physics.real
+        self._rates = torch.tensor([TILT_RATE] * tilts + [THRUST_RATE] * thrusts, dtype=real)
+        self._least = torch.tensor([-TILT_LIMIT] * tilts + [0.0] * thrusts, dtype=real)
+        self._most = torch.tensor([TILT_LIMIT] * tilts + [MAX_THRUST] * thrusts, dtype=real)
 
     def _start(self, ids: Tensor) -> None:
         n = len(ids)
@@ -80,17 +86,15 @@ class Quadcopter(Task):
 
     def _act(self) -> None:
         spin = self._physics.qvel[:, 3:6]
-        spin *= (MAX_ANGULAR_VELOCITY / torch.norm(spin, dim=-1, keepdim=True)).clamp(max=1.0)
-        rate = self.actions.to(self._physics.real) * self.CONTROL_DT
-        ctrl = self._physics.ctrl
-        ctrl[:, :8] = (ctrl[:, :8] + TILT_RATE * rate[:, :8]).clamp(-TILT_LIMIT, TILT_LIMIT)
-        ctrl[:, 8:] = (ctrl[:, 8:] + THRUST_RATE * rate[:, 8:]).clamp(0.0, MAX_THRUST)
+        spin *= (MAX_ANGULAR_VELOCITY / torch.linalg.vector_norm(spin, dim=-1, keepdim=True)).clamp(max=1.0)
+        change = (self.actions.to(self._physics.real) * self.CONTROL_DT).mul_(self._rates)
+        self._physics.ctrl.add_(change).clamp_(self._least, self._most)
 
     def _measure(self) -> None:
         qpos = self._physics.positions()
         qvel = self._physics.velocities()
         self.root_positions = qpos[:, 0:3]
-        self.root_quats = qpos[:, [4, 5, 6, 3]]
+        self.root_quats = qpos.index_select(1, self._orientation)
         self.root_linvels = qvel[:, 0:3]
         # MuJoCo keeps a free joint's angular velocity in the body's own frame.
         self.root_angvels = rotations.rotate(self.root_quats, qvel[:, 3:6])
@@ -111,7 +115,7 @@ class Quadcopter(Task):
 
     def distance(self) -> Tensor:
         """Returns the distance (m) from the target, `(num_envs,)`."""
-        return torch.norm(self.target_root_positions - self.root_positions, dim=-1)
+        return torch.linalg.vector_norm(self.target_root_positions - self.root_positions, dim=-1)
 
     def failed(self) -> Tensor:
         """Returns where the quadcopter is farther than 3 m from the target or lower than 0.3 m."""
