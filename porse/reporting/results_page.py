@@ -1,0 +1,185 @@
+"""The page of all suites' results, from the tables that Git tracks: `python -m porse.reporting.results_page docs`."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import click
+
+from porse.report import paper
+from porse.report.charts import Chart, Line
+from porse.report.figures import method_label, spread
+from porse.report.svg import svg
+from porse.reporting.evidence import Evidence, read_evidence
+from porse.reporting.evidence import Line as Row
+from porse.reporting.forms import mean_text
+from porse.reporting.reliable import Estimate, interquartile_mean, probability_of_improvement
+
+PAGE, FOLDER = "compared.md", "results"
+
+_HEAD = """# Methods beside each other, in figures
+
+`python -m porse.reporting.results_page docs` writes this page from two tables; do not edit it. [Results](results.md) says in words
+what holds.
+
+```sh
+porse suite run suites/NAME.yaml
+python -m porse.reporting.evidence suites/NAME.yaml docs/results
+python -m porse.reporting.results_page docs
+```
+
+compute a suite, add its finished runs to [runs.csv](results/runs.csv) and [winners.csv](results/winners.csv), and write this page.
+Every finished run of a suite is in the tables. The second command also says whether a run that already stands there was
+computed again with the same bits.
+
+*MTS* is the maximum training success, the highest fitness of an epoch, and *IQM* its interquartile mean over the seeds: the mean
+of the middle half. *Better* is the probability that a run of PoRSE from the same suites has a higher MTS than a run of this row.
+Intervals hold 95 %, by bootstrap over the seeds. *Score* is the winner's mean fitness over its last epochs, which ranks trainings.
+*Final* is what the winner's mean action is worth in whole episodes. *Valid* is the share of functions that passed every check.
+"""
+
+
+def page(found: Evidence) -> tuple[str, Mapping[str, str]]:
+    """Returns the page as Markdown, and its pictures as SVG by file name.
+
+    Args:
+        found: the tables; at least one run.
+    """
+    parts, pictures = [_HEAD], {}
+    for (suite, task), rows in _grouped(found.runs, ("suite", "task")).items():
+        name = f"{suite}-{task}.svg"
+        pictures[name] = svg(_chart(task, rows, found.winners))
+        parts.append(
+            f"## {suite}: {task}\n\n{_authors(rows)}\n\n{_table(rows, _baseline(found.runs, rows[0]))}\n\n"
+            f"![MTS so far by iteration: mean over seeds, in a band from the least to the greatest]({FOLDER}/{name})"
+        )
+    parts.append(
+        "# In the form of the paper's tables\n\nMTS, mean and deviation over the seeds. The paper's budget is 90 000 epochs a run."
+    )
+    parts += [f"## Table {number}\n\n{lines}" for number, lines in _paper_tables(found.runs)]
+    return "\n\n".join(part.rstrip() for part in parts) + "\n", pictures
+
+
+def _grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[tuple[str, ...], list[Row]]:
+    found: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        found.setdefault(tuple(row[name] for name in names), []).append(row)
+    return found
+
+
+def _baseline(runs: Sequence[Row], like: Row) -> list[float]:
+    """Returns the MTS of PoRSE's runs on a row's task, by the same author and with the same number of epochs."""
+    same = ("task", "author", "epochs_allowed")
+    return [
+        float(row["mts"])
+        for row in runs
+        if (row["method"], row["ablation"], row["variant"]) == ("porse", "none", "")
+        and all(row[name] == like[name] for name in same)
+    ]
+
+
+def _authors(rows: Sequence[Row]) -> str:
+    authors = {"model": "a language model", "grammar": "the grammar", "files": "people"}
+    named = " and ".join(dict.fromkeys(authors[row["author"]] for row in rows))
+    epochs = sorted({int(row["epochs_allowed"]) for row in rows})
+    return (
+        f"{len(rows)} runs; functions by {named}; at most {' or '.join(f'{count:,}' for count in epochs)} epochs each."
+    )
+
+
+def _label(row: Row) -> str:
+    label = method_label(row["method"], row["ablation"])
+    return f"{label} ({row['variant']})" if row["variant"] else label
+
+
+def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
+    lines = [
+        "| method | seeds | MTS | IQM | better | score | final | epochs | valid | paper's MTS |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for own in _grouped(rows, ("method", "ablation", "variant")).values():
+        first, mts = own[0], [float(row["mts"]) for row in own]
+        published = None if first["variant"] else paper.find_mts(first["task"], first["method"], first["ablation"])
+        is_baseline = (first["method"], first["ablation"], first["variant"]) == ("porse", "none", "")
+        compared = baseline and not is_baseline
+        functions = sum(int(row["functions"]) for row in own)
+        cells = [
+            _label(first),
+            str(len(own)),
+            _mean("mts", own),
+            _interval(interquartile_mean([mts])),
+            _interval(probability_of_improvement([baseline], [mts])) if compared else "",
+            _mean("score", own),
+            _mean("success", own),
+            f"{sum(int(row['epochs_spent']) for row in own) / len(own):,.0f}",
+            f"{sum(int(row['valid_functions']) for row in own) / functions:.2f}" if functions else "",
+            mean_text(published.mean, published.std) if published else "",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _mean(name: str, rows: Sequence[Row]) -> str:
+    found = spread(name, [float(row[name]) for row in rows])
+    mean = found[f"{name}_mean"]
+    return "" if mean is None else mean_text(mean, found[f"{name}_std"])
+
+
+def _interval(found: Estimate) -> str:
+    ends = "" if found.low is None else f" ({found.low:.3g} to {found.high:.3g})"
+    return f"{found.value:.3g}{ends}"
+
+
+def _chart(task: str, rows: Sequence[Row], winners: Sequence[Row]) -> Chart:
+    lines = []
+    for own in _grouped(rows, ("method", "ablation", "variant")).values():
+        at: dict[int, list[float]] = {}
+        for row in own:
+            best = -math.inf
+            for winner in winners:
+                if (winner["suite"], winner["entry"]) == (row["suite"], row["entry"]):
+                    best = max(best, float(winner["mts"]))
+                    at.setdefault(int(winner["iteration"]), []).append(best)
+        points = [(float(x), math.fsum(values) / len(values)) for x, values in sorted(at.items())]
+        band = [(float(x), min(values), max(values)) for x, values in sorted(at.items())]
+        lines.append(Line(_label(own[0]), points, band=band if len(own) > 1 else ()))
+    return Chart(task, "iteration", "MTS so far", lines)
+
+
+def _paper_tables(runs: Sequence[Row]) -> Iterator[tuple[int, str]]:
+    """Yields the number and the lines of each table of the paper that has a task and a method of ours."""
+    ours = _grouped([row for row in runs if not row["variant"]], ("task", "method", "ablation"))
+    tables: dict[int, dict[str, dict[tuple[str, str], paper.Value]]] = {}
+    for (number, task, method, ablation), value in paper.maximum_training_success().items():
+        tables.setdefault(number, {}).setdefault(task, {})[method, ablation] = value
+    for number, tasks in sorted(tables.items()):
+        shown = {task: cells for task, cells in tasks.items() if any((task, *name) in ours for name in cells)}
+        if shown:
+            names = list(dict.fromkeys(name for cells in shown.values() for name in cells))
+            lines = [
+                f"| task | {' | '.join(method_label(*name) for name in names)} |",
+                "| --- " * (len(names) + 1) + "|",
+            ]
+            for task, cells in shown.items():
+                values = (_beside(ours.get((task, *name)), cells.get(name)) for name in names)
+                lines.append(f"| {task} | {' | '.join(values)} |")
+            yield number, "\n".join(lines)
+
+
+def _beside(own: Sequence[Row] | None, value: paper.Value | None) -> str:
+    measured = f"{_mean('mts', own)}, n = {len(own)}" if own else "not run"
+    return measured + (f"; paper {mean_text(value.mean, value.std)}" if value else "")
+
+
+@click.command()
+@click.argument("docs", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(docs: Path) -> None:
+    """Write the page of results to the folder DOCS, and its pictures to DOCS/results, from the tables there."""
+    text, pictures = page(read_evidence(docs / FOLDER))
+    (docs / PAGE).write_text(text, encoding="utf-8")
+    for name, picture in pictures.items():
+        (docs / FOLDER / name).write_text(picture, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

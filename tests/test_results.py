@@ -1,0 +1,156 @@
+"""The page of results: its statistics worked out by hand, its tables that grow, and that the committed page is current."""
+
+
+import pytest
+
+import kills
+from at_once import run_at_once
+from porse import tables
+from porse.config import parse_params
+from porse.errors import PorseError
+from porse.generation.states import checker
+from porse.reporting.evidence import (
+    RUN_COLUMNS,
+    WINNER_COLUMNS,
+    Evidence,
+    changed,
+    evidence_of,
+    merged,
+    read_evidence,
+    write_evidence,
+)
+from porse.reporting.reliable import interquartile_mean, probability_of_improvement
+from porse.reporting.results_page import FOLDER, PAGE, page
+from porse.suite.plan import Entry, load_suite
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end():
+    # Of eight values, two at each end: (3 + 4 + 7 + 10) / 4.
+    found = interquartile_mean([[1.0, 100.0, 3.0, 4.0], [7.0, -50.0, 10.0, 20.0]])
+    assert found.value == 6.0
+    assert -50.0 <= found.low < 6.0 < found.high <= 100.0
+    # Of five values one at each end, and of one task with one seed nothing is known about the spread.
+    assert interquartile_mean([[5.0, 1.0, 9.0, 2.0, 40.0]]).value == pytest.approx(16.0 / 3)
+    assert interquartile_mean([[2.5]]).low is None
+
+
+def test_a_tie_is_half_an_improvement_and_tasks_count_alike():
+    # First task: 3 beats 1 and 2, 2 beats 1 and ties 2: 3.5 of 4. Second task: 0 beats none of 3.
+    found = probability_of_improvement([[3.0, 2.0], [0.0, 0.0]], [[1.0, 2.0], [5.0, 6.0, 7.0]])
+    assert found.value == pytest.approx((3.5 / 4 + 0.0) / 2)
+    assert probability_of_improvement([[1.0, 2.0]], [[3.0, 2.0]]).value == pytest.approx(0.125)
+
+
+def test_resampling_draws_seeds_within_their_task():
+    """Seeds of a task are equal: whatever is drawn within it, each task keeps its value. Drawn from both, it would not."""
+    found = interquartile_mean([[1.0, 1.0], [3.0, 3.0]])
+    assert (found.value, found.low, found.high) == (2.0, 2.0, 2.0)
+
+
+def run_line(**changes):
+    line = dict.fromkeys(RUN_COLUMNS, "0") | {
+        "suite": "s", "task": "Quadcopter", "method": "porse", "ablation": "none", "variant": "", "seed": "1", "author": "grammar",
+        "mts": "-0.25", "score": "-0.5", "success": "-0.75", "epochs_spent": "1000", "epochs_allowed": "2000", "functions": "12",
+        "valid_functions": "9", "curves": "aa",
+    } | {name: str(value) for name, value in changes.items()}  # fmt: skip
+    name = line["method"] if line["ablation"] == "none" else f"{line['method']}-{line['ablation']}"
+    return line | {"entry": f"{line['task']}-{name}-{line['seed']}"}
+
+
+def winner_line(run, iteration, mts):
+    return {
+        "suite": run["suite"],
+        "entry": run["entry"],
+        "iteration": str(iteration),
+        "score": "0",
+        "mts": str(mts),
+        "beta": "1",
+        "alpha": "0",
+    }
+
+
+def test_runs_that_are_finished_here_replace_their_rows_and_others_stay():
+    old = [run_line(seed=1), run_line(seed=2, mts=-9), run_line(seed=3, suite="other")]
+    new = [run_line(seed=2, mts=-1, curves="bb"), run_line(seed=4)]
+    winners = [winner_line(run, 1, -2) for run in old]
+    order = [("s", f"Quadcopter-porse-{seed}") for seed in (4, 2, 1)]
+    found = merged(Evidence(old, winners), Evidence(new, [winner_line(new[0], 1, -3)]), order)
+    assert [(line["suite"], line["seed"], line["mts"]) for line in found.runs] == [
+        ("other", "3", "-0.25"), ("s", "4", "-0.25"), ("s", "2", "-1"), ("s", "1", "-0.25"),
+    ]  # fmt: skip
+    assert [(line["entry"], line["mts"]) for line in found.winners] == [
+        ("Quadcopter-porse-3", "-2"), ("Quadcopter-porse-2", "-3"), ("Quadcopter-porse-1", "-2"),
+    ]  # fmt: skip
+
+
+def test_a_run_that_is_computed_again_has_the_same_bits_or_is_named():
+    old = Evidence([run_line(seed=1), run_line(seed=2)], [])
+    new = Evidence([run_line(seed=1), run_line(seed=2, curves="bb"), run_line(seed=3)], [])
+    assert changed(old, new) == (["Quadcopter-porse-1"], ["Quadcopter-porse-2"])
+
+
+def test_the_tables_are_read_as_they_were_written_and_others_are_refused(tmp_path):
+    assert read_evidence(tmp_path) == Evidence([], [])
+    run = run_line()
+    kept = Evidence([run], [winner_line(run, 1, -2)])
+    write_evidence(kept, tmp_path)
+    assert read_evidence(tmp_path) == kept
+    (tmp_path / "winners.csv").write_text("suite,mts\ns,1\n")
+    with pytest.raises(PorseError, match=r"expected the columns suite, entry, iteration.* found suite, mts"):
+        read_evidence(tmp_path)
+
+
+def test_a_row_has_what_the_run_reached(tmp_path):
+    with checker(parse_params(kills.tiny_params(), "a test")) as check:
+        run_at_once(tmp_path / "run", kills.tiny_params(), check)
+    found = evidence_of("suite", Entry("Quadcopter", "porse", "none", "", 7, {}), tmp_path / "run")
+    row, iterations = found.runs[0], tables.read(tmp_path / "run" / "results" / "iterations.parquet", tables.ITERATIONS)
+    assert tuple(row) == RUN_COLUMNS
+    assert tuple(found.winners[0]) == WINNER_COLUMNS
+    assert (row["suite"], row["entry"], row["author"]) == (
+        "suite",
+        "Quadcopter-porse-7",
+        kills.tiny_params()["generator"],
+    )
+    assert float(row["mts"]) == pytest.approx(max(line["mts"] for line in iterations), rel=1e-5)
+    assert [float(line["beta"]) for line in found.winners] == pytest.approx(
+        [line["beta"] for line in iterations], rel=1e-5
+    )
+    assert len(row["curves"]) == 16
+
+
+def test_the_page_has_a_row_for_each_method_with_the_paper_beside_it():
+    porse = [run_line(seed=seed, mts=mts) for seed, mts in ((1, -0.5), (2, -0.25), (3, -0.125))]
+    other = [run_line(method="eureka", seed=seed, mts=mts) for seed, mts in ((1, -0.3), (2, -1.0))]
+    apart = [
+        run_line(ablation="fixed-beta", suite="t", seed=1, mts=-0.2),
+        run_line(seed=1, suite="u", epochs_allowed=77, mts=9),
+    ]
+    runs = [*porse, *other, *apart]
+    text, pictures = page(Evidence(runs, [winner_line(run, n, run["mts"]) for run in runs for n in (1, 2)]))
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
+    found = {(line[0], line[1]): line for line in lines}
+    assert found["porse", "3"][2].startswith("-0.292 ± 0.191")
+    assert (found["porse", "3"][4], found["porse", "3"][9]) == ("", "-0.014 ± 0.005")
+    # -0.5 beats -1.0, -0.25 and -0.125 beat both: five of six.
+    assert found["eureka", "2"][4].startswith("0.833 (")
+    assert (found["eureka", "2"][7:9], found["eureka", "2"][9]) == (["1,000", "0.75"], "-0.023 ± 0.007")
+    # Against all three runs of PoRSE of the other suite, but not against one of another length: only -0.125 is better.
+    assert found["porse fixed-beta", "1"][4] == "0.333"
+    assert sorted(pictures) == ["s-Quadcopter.svg", "t-Quadcopter.svg", "u-Quadcopter.svg"]
+    assert "## Table 5" in text
+    assert "not run; paper -0.067" in text
+
+
+def test_every_run_of_a_suite_is_on_the_page_and_the_page_is_current(root):
+    found = read_evidence(root / "docs" / FOLDER)
+    text, pictures = page(found)
+    assert (root / "docs" / PAGE).read_text(encoding="utf-8") == text
+    for name, picture in pictures.items():
+        assert (root / "docs" / FOLDER / name).read_text(encoding="utf-8") == picture
+    for name in {line["suite"] for line in found.runs}:
+        wanted = {entry.name for entry in load_suite(root / "suites" / f"{name}.yaml").entries}
+        assert {line["entry"] for line in found.runs if line["suite"] == name} == wanted
+    keys = [(line["suite"], line["entry"]) for line in found.runs]
+    assert len(set(keys)) == len(keys)
+    assert {(line["suite"], line["entry"]) for line in found.winners} == set(keys)
