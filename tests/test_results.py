@@ -1,6 +1,5 @@
 """The page of results: its statistics worked out by hand, its tables that grow, and that the committed page is current."""
 
-
 import pytest
 
 import kills
