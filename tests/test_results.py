@@ -8,6 +8,7 @@ from porse import tables
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
+from porse.report.answer import author_of
 from porse.reporting.evidence import (
     RUN_COLUMNS,
     WINNER_COLUMNS,
@@ -44,6 +45,23 @@ def test_resampling_draws_seeds_within_their_task():
     """Seeds of a task are equal: whatever is drawn within it, each task keeps its value. Drawn from both, it would not."""
     found = interquartile_mean([[1.0, 1.0], [3.0, 3.0]])
     assert (found.value, found.low, found.high) == (2.0, 2.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "generator", "author"),
+    [
+        ("porse", "model", "model"),
+        ("porse", "grammar", "grammar"),
+        # Its goal is the task's own, but its mapping is not.
+        ("llmcount", "model", "model"),
+        ("eureka", "model", "model"),
+        ("human", "model", "nobody"),
+        ("sparse", "grammar", "nobody"),
+    ],
+)
+def test_a_run_without_functions_of_its_own_has_no_author(method, generator, author):
+    document = kills.tiny_params() | {"method": method, "generator": generator}
+    assert author_of(parse_params(document, "a test")) == author
 
 
 def run_line(**changes):

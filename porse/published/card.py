@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from porse.report.answer import Fact, answers, asked, budget, repliers
+from porse.report.answer import Fact, answers, asked, author_of, budget, repliers
 from porse.report.results import Results
 
 NO_WORDS = "None yet."
@@ -67,7 +67,7 @@ def shows_not(results: Results) -> list[str]:
         "That the paper's numbers hold: simulator, budget and model are others.",
     ]
     names = [row["name"] for row in repliers(results.run.replies)]
-    if params.generator != "model":
+    if author_of(params) != "model":
         found.append("What a language model can do: none was asked.")
     elif any(_NOT_API in name for name in names):
         found.append("What a certain model can do: who answered is no API model, so that nobody can ask it again.")

@@ -25,6 +25,7 @@ from porse.published.fetch import find, is_address, is_name, published_folders, 
 from porse.published.locks import Shelf, read_locks
 from porse.published.manifest import FOLDER, OUTPUTS, OUTPUTS_FILE, read_manifest
 from porse.published.replay import Replay, drawn, names_of, replay
+from porse.report.answer import author_of
 from porse.report.results import read_figures
 from porse.search.schedule import total_epochs
 from porse.suite.clone import dvc_cache
@@ -76,7 +77,7 @@ def published(as_json: bool) -> None:
         score = f"score {row['score']:.3f}, MTS {row['mts']:.3f}"
         size = f"{row['epochs']} epochs, {row['bytes'] / 2**20:.2f} MiB"
         click.echo(
-            f"{row['name']}: {row['method']} on {row['task']}, {row['ablation']}, seed {row['seed']}, {row['generator']}; {score}; {size}"
+            f"{row['name']}: {row['method']} on {row['task']}, {row['ablation']}, seed {row['seed']}, {row['author']}; {score}; {size}"
         )
 
 
@@ -87,7 +88,7 @@ def _row(folder: Path) -> dict[str, Any]:
         "task": params.task,
         "method": params.method,
         "ablation": params.ablation,
-        "generator": params.generator,
+        "author": author_of(params),
         "seed": params.seed,
         "score": figures["score"],
         "mts": figures["mts"],

@@ -25,10 +25,13 @@ _MEASURED = {
 }
 """What each human normalised score is measured against."""
 
+NOBODY = "nobody"
+
 _WRITERS = {
     "model": "the model {params.llm.model}",
     "grammar": "a seeded grammar, no model",
     "files": "the files in functions/{params.generate.functions}",
+    NOBODY: "nobody: the reward is the task's own",
 }
 _NOTHING_GIVEN = {section: dict.fromkeys(keys) for section, keys in GIVEN.items()}
 """Parameters of which the preset gives all that it can."""
@@ -63,6 +66,12 @@ def figure(value: float | None) -> str:
     return f"{value:.3f}" if value == 0 or 0.01 <= abs(value) < 100_000 else f"{value:.3g}"
 
 
+def author_of(params: Params) -> str:
+    """Returns who writes a run's functions: `model`, `grammar` or `files`, or `nobody` where it has none but the task's own."""
+    writes_mappings = params.candidate.bonus == "mapping" and params.generate.mappings == "generator"
+    return params.generator if params.candidate.goal == "generated" or writes_mappings else NOBODY
+
+
 def asked(params: Params) -> list[Fact]:
     """Returns what was asked for. The text of a task of one's own is left out: to show it, its code would have to run."""
     facts = [Fact("Task", params.task, f"size {params.size}")]
@@ -81,7 +90,7 @@ def asked(params: Params) -> list[Fact]:
         *facts,
         Fact("Method", params.method, _replaced(METHODS[params.method])),
         Fact("Ablation", params.ablation, _replaced(ABLATIONS[params.ablation])),
-        Fact("Functions written by", _WRITERS[params.generator].format(params=params)),
+        Fact("Functions written by", _WRITERS[author_of(params)].format(params=params)),
         Fact("Seed", str(params.seed), f"numeric profile {params.numerics}"),
     ]
 
@@ -131,7 +140,7 @@ def beside_paper(results: Results) -> list[Beside]:
         Beside("Human normalised score", figure(hns), figure(score)),
         Beside("Seeds", "1", str(paper.SEEDS)),
         Beside("Simulator", "MuJoCo (docs/tasks.md)", paper.SIMULATOR),
-        Beside("Model", _WRITERS[params.generator].format(params=params), paper.MODEL),
+        Beside("Model", _WRITERS[author_of(params)].format(params=params), paper.MODEL),
         Beside("Environments", figure(own.num_envs), _given(theirs, "num_envs")),
         Beside("Steps of each in an epoch", figure(own.steps_per_epoch), _given(theirs, "steps_per_epoch")),
         Beside("Epochs of a winner in an iteration", figure(longest), figure(paper.POLICY_EPOCHS)),

@@ -19,6 +19,7 @@ import click
 from porse import tables
 from porse.config import ROOT, load_params
 from porse.errors import PorseError
+from porse.report.answer import author_of
 from porse.report.results import read_figures
 from porse.suite.folders import folders_of
 from porse.suite.plan import Entry, load_suite
@@ -33,7 +34,7 @@ RUN_COLUMNS = (
     "success_high", "evaluation_score_mean", "evaluation_score_std", "evaluation_seeds", "epochs_spent", "epochs_allowed",
     "environment_steps", "functions", "valid_functions", "curves",
 )  # fmt: skip
-"""`author` is `model`, `grammar` or `files`, `curves` a hash; the others are figures of `porse.report.figures`."""
+"""`author` is `model`, `grammar`, `files` or `nobody`, `curves` a hash; the others are figures of `porse.report.figures`."""
 WINNER_COLUMNS = ("suite", "entry", "iteration", "score", "mts", "beta", "alpha")
 
 
@@ -83,7 +84,7 @@ def evidence_of(suite: str, entry: Entry, folder: Path) -> Evidence:
     what = {name: str(getattr(entry, name)) for name in ("task", "method", "ablation", "variant", "seed")}
     measured = {name: _text(figures[name]) for name in RUN_COLUMNS if name in figures}
     curves = hashlib.sha256((folder / "results" / "curves.parquet").read_bytes()).hexdigest()
-    run = {**named, **what, "author": load_params(folder / "params.yaml").generator, **measured, "curves": curves[:16]}
+    run = {**named, **what, "author": author_of(load_params(folder / "params.yaml")), **measured, "curves": curves[:16]}
     iterations = tables.read(folder / "results" / "iterations.parquet", tables.ITERATIONS)
     winners = [named | {name: _text(row[name]) for name in WINNER_COLUMNS[2:]} for row in iterations]
     return Evidence([run], winners)

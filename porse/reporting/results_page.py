@@ -79,7 +79,7 @@ def _baseline(runs: Sequence[Row], like: Row) -> list[float]:
 
 
 def _authors(rows: Sequence[Row]) -> str:
-    authors = {"model": "a language model", "grammar": "the grammar", "files": "people"}
+    authors = {"model": "a language model", "grammar": "the grammar", "files": "people", "nobody": "nobody"}
     named = " and ".join(dict.fromkeys(authors[row["author"]] for row in rows))
     epochs = sorted({int(row["epochs_allowed"]) for row in rows})
     return (
