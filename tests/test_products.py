@@ -68,6 +68,13 @@ def test_products_are_those_of_double_precision_within_rounding(products, sample
         torch.testing.assert_close(found.double(), wanted, rtol=1e-4, atol=1e-4)
 
 
+def test_numbers_that_overflow_are_infinite_and_nobody_is_warned(products):
+    huge, written = torch.full((2, 2), 1e30), torch.empty(2, 2)
+    products.of_weight(huge, huge, written)
+    for made in (products.outputs(huge, huge, torch.zeros(2)), products.of_inputs(huge, huge), written):
+        assert made.tolist() == [[float("inf")] * 2] * 2
+
+
 def test_the_profile_chooses_the_products(monkeypatch):
     assert numerics.applied() == "portable"
     assert isinstance(products_on(torch.device("cpu")), NumpyProducts)

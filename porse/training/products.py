@@ -14,6 +14,8 @@ from torch.nn import functional
 
 from porse import numerics
 
+_SILENT = np.errstate(all="ignore")
+
 
 class Products(ABC):
     """The products of one linear layer; float32 throughout."""
@@ -48,18 +50,21 @@ class TorchProducts(Products):
 
 
 class NumpyProducts(Products):
-    """NumPy's products, on the memory of PyTorch's tensors."""
+    """NumPy's products, on the memory of PyTorch's tensors; like PyTorch's, they are silent where a number overflows."""
 
+    @_SILENT
     def outputs(self, inputs: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         """See `Products.outputs`."""
         made = torch.empty(inputs.shape[0], weight.shape[0])  # len() of a tensor takes microseconds
         np.matmul(inputs.numpy(), weight.detach().numpy().T, out=made.numpy())
         return made.add_(bias.detach())
 
+    @_SILENT
     def of_weight(self, gradient: Tensor, inputs: Tensor, out: Tensor) -> None:
         """See `Products.of_weight`."""
         np.matmul(gradient.numpy().T, inputs.numpy(), out=out.numpy())
 
+    @_SILENT
     def of_inputs(self, gradient: Tensor, weight: Tensor) -> Tensor:
         """See `Products.of_inputs`."""
         made = torch.empty(gradient.shape[0], weight.shape[1])
