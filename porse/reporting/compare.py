@@ -99,7 +99,7 @@ def comparison(sources: Sources, baseline: str) -> Comparison:
     entries = rows([run.status for run in sources.runs])
     groups: dict[Group, list[int]] = {}
     for place, row in enumerate(entries):
-        groups.setdefault((row["task"], _label(row)), []).append(place)
+        groups.setdefault((row["task"], label_of(row)), []).append(place)
     labels = list(dict.fromkeys(label for _, label in groups))
     if baseline and baseline not in labels:
         raise PorseError(f"expected a baseline among {', '.join(labels)}, found {baseline!r}; name one of them")
@@ -125,7 +125,7 @@ def comparison(sources: Sources, baseline: str) -> Comparison:
     )
 
 
-def _label(row: Mapping[str, Any]) -> str:
+def label_of(row: Mapping[str, Any]) -> str:
     """Returns what a run is called in a table: its method, with its ablation and its variant where it has them."""
     label = method_label(row["method"], row["ablation"])
     return f"{label} ({row['variant']})" if row["variant"] else label
@@ -174,7 +174,7 @@ def _weights(runs: Sequence[Finished]) -> list[dict[str, Any]]:
     return [
         {
             **row,
-            "label": _label(row),
+            "label": label_of(row),
             "paper": published.get((row["task"], row["iteration"], row["varied"]))
             if (row["method"], row["ablation"], row["variant"]) == ("porse", "none", "")
             else None,
@@ -216,7 +216,18 @@ def _chart(
             for place in places:
                 for x, y in series(finished[place]):
                     at.setdefault(x, []).append(y)
-            points: list[Point] = [(x, math.fsum(values) / len(values)) for x, values in sorted(at.items())]
-            band: list[Edge] = [(x, min(values), max(values)) for x, values in sorted(at.items())]
-            lines.append(Line(label, points, band=band if len(places) > 1 else ()))
+            lines.append(line_over(label, at, len(places)))
     return Chart(task, x_label, y_label, lines)
+
+
+def line_over(label: str, at: Mapping[int, Sequence[float]], runs: int) -> Line:
+    """Returns the mean over runs at each x, in a band from the least to the greatest; without one for a single run.
+
+    Args:
+        label: its name.
+        at: the values at each x.
+        runs: how many there are.
+    """
+    points: list[Point] = [(x, math.fsum(values) / len(values)) for x, values in sorted(at.items())]
+    band: list[Edge] = [(x, min(values), max(values)) for x, values in sorted(at.items())]
+    return Line(label, points, band=band if runs > 1 else ())

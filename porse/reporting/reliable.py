@@ -4,7 +4,6 @@ These are the statistics that Agarwal et al., "Deep reinforcement learning at th
 recommend for few seeds. Resampling is stratified: seeds are drawn within each task. docs/decisions.md says why SciPy computes them.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -65,5 +64,4 @@ def _estimate(strata: Strata, statistic: Callable[..., NDArray[np.float64]]) -> 
     found = bootstrap(
         samples, statistic, n_resamples=_RESAMPLES, method="percentile", vectorized=True, rng=generator, batch=1000
     ).confidence_interval
-    low, high = float(found.low), float(found.high)
-    return Estimate(value, low, high) if math.isfinite(low) and math.isfinite(high) else Estimate(value, value, value)
+    return Estimate(value, float(found.low), float(found.high))

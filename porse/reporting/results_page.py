@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from porse.report import paper
-from porse.report.charts import Chart, Line
+from porse.report.charts import Chart
 from porse.report.figures import method_label, spread
 from porse.report.svg import svg
+from porse.reporting.compare import label_of, line_over
 from porse.reporting.evidence import Evidence, read_evidence
 from porse.reporting.evidence import Line as Row
 from porse.reporting.forms import mean_text
@@ -87,11 +88,6 @@ def _authors(rows: Sequence[Row]) -> str:
     )
 
 
-def _label(row: Row) -> str:
-    label = method_label(row["method"], row["ablation"])
-    return f"{label} ({row['variant']})" if row["variant"] else label
-
-
 def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
     lines = [
         "| method | seeds | MTS | IQM | better | score | final | epochs | valid | paper's MTS |",
@@ -104,7 +100,7 @@ def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
         compared = baseline and not is_baseline
         functions = sum(int(row["functions"]) for row in own)
         cells = [
-            _label(first),
+            label_of(first),
             str(len(own)),
             _mean("mts", own),
             _interval(interquartile_mean([mts])),
@@ -140,9 +136,7 @@ def _chart(task: str, rows: Sequence[Row], winners: Sequence[Row]) -> Chart:
                 if (winner["suite"], winner["entry"]) == (row["suite"], row["entry"]):
                     best = max(best, float(winner["mts"]))
                     at.setdefault(int(winner["iteration"]), []).append(best)
-        points = [(float(x), math.fsum(values) / len(values)) for x, values in sorted(at.items())]
-        band = [(float(x), min(values), max(values)) for x, values in sorted(at.items())]
-        lines.append(Line(_label(own[0]), points, band=band if len(own) > 1 else ()))
+        lines.append(line_over(label_of(own[0]), at, len(own)))
     return Chart(task, "iteration", "MTS so far", lines)
 
 
