@@ -8,12 +8,13 @@ from porse.functions.verdict import Verdict
 from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.conversations import Brief
-from porse.generation.functions import Attempt, Function, checked_functions
+from porse.generation.functions import Attempt, Function, checked_functions, sample_of
 from porse.generation.mutants import _collect
 from porse.generation.states import probe_states
 from porse.generation.values import parse_values
 from porse.llm.request import Message, Reply
 from porse.pool import Pool
+from porse.search.breeding import Breeding
 from porse.tasks import find_task
 
 BAD = Verdict(False, "syntax", "expected a colon", 3, (), ())
@@ -110,6 +111,34 @@ def test_what_stays_broken_is_replaced_by_a_fresh_reply(params, brief, model):
     fresh = model.questions[2].request
     assert [message.role for message in fresh.messages] == ["system", "user"]
     assert fresh.sample == 2 + params.generate.candidates
+
+
+@pytest.mark.parametrize(
+    ("winner", "bred", "sample"),
+    [
+        # K = 6, and max_fresh 2: an iteration has 6 * 3 = 18 samples of a question. Attempt 4 of slot 2 is its second fresh reply's
+        # repair: 2 + 6 * 1 = 8. Iteration 4 is the first that refines the winner of iteration 3.
+        (3, None, 8),
+        # The winner of iteration 1 was refined in iterations 2 and 3.
+        (1, None, 8 + 2 * 18),
+        # Without a winner the first question is asked again: in iterations 1, 2 and 3 before.
+        (None, None, 8 + 3 * 18),
+        # Parents are bred from in iteration 2 for the first time. The winner is not asked about.
+        (3, ("a",), 8 + 2 * 18),
+        (3, (), 8 + 3 * 18),
+    ],
+)
+def test_the_same_question_in_a_later_iteration_is_another_sample(params, brief, winner, bred, sample):
+    brief = dataclasses.replace(
+        brief,
+        winner=winner and {"iteration": winner},
+        breedings={} if bred is None else {2: Breeding(2, 0, "mutation", bred)},
+    )
+    assert (params.generate.candidates, params.validate.max_fresh, params.validate.max_repairs) == (6, 2, 2)
+    assert sample_of(brief, "reward", 2, 4, params, 4) == sample
+    # A mapping is never bred.
+    if winner == 3:
+        assert sample_of(brief, "mapping", 2, 4, params, 4) == 8
 
 
 def test_when_no_attempt_is_left_the_stage_says_so(params, brief, model):

@@ -184,6 +184,22 @@ def test_the_command_writes_a_row_for_each_task_with_finished_runs(tmp_path: Pat
     assert [(point["task"], point["seed"]) for point in points[11:13]] == [("Quadcopter", "1"), ("Quadcopter", "2")]
 
 
+def test_tasks_without_a_run_keep_their_rows_in_the_order_of_tasks(tmp_path: Path) -> None:
+    for folder, task, ends in (("a", "Over", (0.5,)), ("b", "Quadcopter", (-0.5, -0.3)), ("c", "Over", (0.25,))):
+        for seed, end in enumerate(ends, 1):
+            written(tmp_path / folder / f"{task}-{seed}", task, seed, [0.0] * 2 + [end] * 10, 4096, end)
+        done = CliRunner().invoke(main, [str(tmp_path / folder), str(tmp_path)], catch_exceptions=False)
+        assert done.exit_code == 0
+    rows = list(csv.DictReader((tmp_path / "learning.csv").read_text().splitlines()))
+    assert [(row["task"], row["seeds"], row["end"]) for row in rows] == [
+        ("Quadcopter", "2", "-0.4"),
+        ("Over", "1", "0.25"),
+    ]
+    points = list(csv.DictReader((tmp_path / "learning-curves.csv").read_text().splitlines()))
+    assert [point["task"] for point in points] == ["Quadcopter"] * 24 + ["Over"] * 12
+    assert points[-1]["fitness"] == "0.25"
+
+
 def test_the_suite_has_every_task_and_the_table_no_other_runs() -> None:
     suite = yaml.safe_load((ROOT / "suites" / "learning.yaml").read_text())
     seeds = Counter({task: len(suite["seeds"]) for task in suite["tasks"]})

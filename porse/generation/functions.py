@@ -67,7 +67,12 @@ def first_attempts(brief: Brief, params: Params, iteration: int, cache: Path) ->
     places = first_places(params, iteration)
     asked = [conversation(brief, kind, slot) for kind, slot in places]
     questions = [
-        _question(params, messages, slot, Origin("generate", iteration, f"{kind} {slot}"))
+        _question(
+            params,
+            messages,
+            sample_of(brief, kind, slot, 0, params, iteration),
+            Origin("generate", iteration, f"{kind} {slot}"),
+        )
         for (kind, slot), messages in zip(places, asked, strict=True)
     ]
     replies = answers([kind for kind, _ in places], questions, params, cache)
@@ -151,7 +156,7 @@ def _next_attempts(
         _question(
             params,
             messages,
-            attempt.slot + params.generate.candidates * _generation(number, params),
+            sample_of(brief, attempt.kind, attempt.slot, number, params, iteration),
             Origin("validate-code", iteration, f"{attempt.kind} {attempt.slot}, attempt {number}"),
         )
         for (attempt, _), messages, number in zip(broken, asked, numbers, strict=True)
@@ -181,6 +186,24 @@ def _next_messages(attempt: Attempt, verdict: Verdict, brief: Brief, params: Par
 def _generation(number: int, params: Params) -> int:
     """Returns how many fresh replies came before attempt `number` and its repairs."""
     return number // (params.validate.max_repairs + 1)
+
+
+def sample_of(brief: Brief, kind: Kind, slot: int, number: int, params: Params, iteration: int) -> int:
+    """Returns which sample of its question an attempt is, so that no two attempts of a run share a reply.
+
+    A question stays the same while the winner that it refines does (ROSKA), or the parents that it breeds from (REvolve).
+    The samples of one iteration are K times as many as a slot may have fresh replies; each iteration that may have asked
+    the same question before takes as many.
+    """
+    rounds = _generation(number, params) + (params.validate.max_fresh + 1) * _asked_before(brief, kind, slot, iteration)
+    return slot + params.generate.candidates * rounds
+
+
+def _asked_before(brief: Brief, kind: Kind, slot: int, iteration: int) -> int:
+    """Returns how many earlier iterations may have asked the question of a slot."""
+    if kind == "reward" and brief.breedings:
+        return iteration - (2 if brief.breedings[slot].parents else 1)
+    return iteration - 1 - (brief.winner["iteration"] if brief.winner else 0)
 
 
 def _question(params: Params, messages: tuple[Message, ...], sample: int, origin: Origin) -> Question:

@@ -240,6 +240,16 @@ def _short(value: float) -> str:
     return "" if math.isnan(value) else f"{float(f'{value:.4g}'):g}"
 
 
+def _rows(path: Path) -> dict[str, list[Row]]:
+    """Returns the rows of a table by task; none if it is not there yet."""
+    found: dict[str, list[Row]] = {}
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["task"], []).append(dict(row))
+    return found
+
+
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Row]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, lineterminator="\n")
@@ -251,19 +261,24 @@ def _write(path: Path, columns: Sequence[str], rows: Iterable[Row]) -> None:
 @click.argument("results", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.argument("docs", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(results: Path, docs: Path) -> None:
-    """Write what the finished runs in the folder RESULTS of a suite learned, as two tables in the folder DOCS."""
+    """Write what the finished runs in the folder RESULTS of a suite learned, as two tables in the folder DOCS.
+
+    Tasks without a finished run there keep their rows.
+    """
     torch.set_num_threads(1)
-    runs: dict[str, list[Learned]] = {task: [] for task in TASKS}
-    curves: dict[str, list[Row]] = {task: [] for task in TASKS}
+    runs: dict[str, list[Learned]] = {}
+    curves = _rows(docs / CURVES)
     for done in sorted(results.glob("*/done.json")):
         run = learned(done.parent)
+        if run.task not in runs:
+            runs[run.task], curves[run.task] = [], []
         runs[run.task].append(run)
         curves[run.task] += learning_curve(done.parent, run.steps)
-    _write(docs / CURVES, CURVE_COLUMNS, chain.from_iterable(curves.values()))
-    rows = []
-    for task in filter(runs.__getitem__, TASKS):
-        rows.append(learning_row(runs[task], trivial(task, zero_actions), trivial(task, random_actions)))
-    _write(docs / TABLE, COLUMNS, rows)
+    rows = _rows(docs / TABLE)
+    for task, own in runs.items():
+        rows[task] = [learning_row(own, trivial(task, zero_actions), trivial(task, random_actions))]
+    for path, columns, by_task in ((docs / CURVES, CURVE_COLUMNS, curves), (docs / TABLE, COLUMNS, rows)):
+        _write(path, columns, chain.from_iterable(by_task.get(task, []) for task in TASKS))
 
 
 if __name__ == "__main__":
