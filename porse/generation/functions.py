@@ -18,6 +18,9 @@ from porse.llm.request import Message, Origin, Question, Reply, request_of
 from porse.search.schedule import asked_kinds, is_searched
 from porse.tables import Row
 
+ROUNDS = 1001
+"""How many samples of a question an iteration has for each slot: `validate.max_fresh` is at most 1000."""
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -156,7 +159,7 @@ def _next_attempts(
         _question(
             params,
             messages,
-            sample_of(brief, attempt.kind, attempt.slot, number, params, iteration),
+            sample_of(brief, attempt.kind, attempt.slot, _generation(number, params), params, iteration),
             Origin("validate-code", iteration, f"{attempt.kind} {attempt.slot}, attempt {number}"),
         )
         for (attempt, _), messages, number in zip(broken, asked, numbers, strict=True)
@@ -188,15 +191,12 @@ def _generation(number: int, params: Params) -> int:
     return number // (params.validate.max_repairs + 1)
 
 
-def sample_of(brief: Brief, kind: Kind, slot: int, number: int, params: Params, iteration: int) -> int:
-    """Returns which sample of its question an attempt is, so that no two attempts of a run share a reply.
+def sample_of(brief: Brief, kind: Kind, slot: int, fresh: int, params: Params, iteration: int) -> int:
+    """Returns which sample of its question a slot asks for, so that no two of its attempts in a run share a reply.
 
-    A question stays the same while the winner that it refines does (ROSKA), or the parents that it breeds from (REvolve).
-    The samples of one iteration are K times as many as a slot may have fresh replies; each iteration that may have asked
-    the same question before takes as many.
+    `fresh` replies came before it in this iteration. A question stays the same while the winner that it refines does (ROSKA), or the parents that it breeds from (REvolve).
     """
-    rounds = _generation(number, params) + (params.validate.max_fresh + 1) * _asked_before(brief, kind, slot, iteration)
-    return slot + params.generate.candidates * rounds
+    return slot + params.generate.candidates * (fresh + ROUNDS * _asked_before(brief, kind, slot, iteration))
 
 
 def _asked_before(brief: Brief, kind: Kind, slot: int, iteration: int) -> int:
