@@ -52,7 +52,7 @@ TASK_TAGS: dict[str, tuple[str, ...]] = {
     "Humanoid": ("locomotion", "easy"),
     "Over": ("hands", "catch", "easy"),
     "CatchAbreast": ("hands", "catch", "easy"),
-    "CatchOver2Underarm": ("hands", "catch", "hard"),
+    "CatchOver2Underarm": ("hands", "catch", "easy"),
     "CatchUnderarm": ("hands", "catch", "easy"),
     "TwoCatchUnderarm": ("hands", "catch", "hard"),
     "ReOrientation": ("hands", "hard"),
