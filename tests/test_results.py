@@ -159,6 +159,31 @@ def test_the_page_has_a_row_for_each_method_with_the_paper_beside_it():
     assert "not run; paper -0.067" in text
 
 
+def test_a_table_of_the_paper_has_a_row_for_each_author_and_everybodys_references():
+    runs = [
+        run_line(author="grammar", seed=1, mts=-0.5),
+        run_line(author="grammar", seed=2, mts=-0.25),
+        run_line(author="model", suite="t", seed=1, mts=-0.125),
+        run_line(author="model", suite="t", method="eureka", seed=1, mts=-0.75),
+        run_line(author="nobody", suite="t", method="human", seed=1, mts=-0.0625),
+    ]
+    text, _ = page(Evidence(runs, [winner_line(run, 1, run["mts"]) for run in runs]))
+    five = text.partition("## Table 5\n\n")[2].partition("\n\n")[0].splitlines()
+    names = [cell.strip() for cell in five[0].split("|")[1:-1]]
+    rows = [dict(zip(names, (cell.strip() for cell in line.split("|")[1:-1]), strict=True)) for line in five[2:]]
+    assert [row["functions by"] for row in rows] == ["the grammar", "a language model"]
+    # -0.5 and -0.25 have mean -0.375.
+    assert rows[0]["porse"].startswith("-0.375 ± 0.177, n = 2; ")
+    assert rows[1]["porse"].startswith("-0.125, n = 1; ")
+    assert rows[0]["eureka"].startswith("not run; ")
+    assert rows[1]["eureka"].startswith("-0.750, n = 1; ")
+    assert {row["human"].partition(";")[0] for row in rows} == {"-0.062, n = 1"}
+    assert "3 runs; functions by a language model; at most" in text
+    alone, _ = page(Evidence(runs[4:], [winner_line(runs[4], 1, -0.0625)]))
+    assert "| Quadcopter | nobody |" in alone
+    assert "\n1 run; functions by nobody;" in alone
+
+
 def test_every_run_of_a_suite_is_on_the_page_and_the_page_is_current(root):
     found = read_evidence(root / "docs" / FOLDER)
     text, pictures = page(found)

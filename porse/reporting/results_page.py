@@ -18,6 +18,8 @@ from porse.reporting.reliable import Estimate, interquartile_mean, probability_o
 
 PAGE, FOLDER = "compared.md", "results"
 
+_AUTHORS = {"model": "a language model", "grammar": "the grammar", "files": "people", "nobody": "nobody"}
+
 _HEAD = """# Methods beside each other, in figures
 
 `python -m porse.reporting.results_page docs` writes this page from two tables; do not edit it. [Results](results.md) says in words
@@ -80,12 +82,11 @@ def _baseline(runs: Sequence[Row], like: Row) -> list[float]:
 
 
 def _authors(rows: Sequence[Row]) -> str:
-    authors = {"model": "a language model", "grammar": "the grammar", "files": "people", "nobody": "nobody"}
-    named = " and ".join(dict.fromkeys(authors[row["author"]] for row in rows))
-    epochs = sorted({int(row["epochs_allowed"]) for row in rows})
-    return (
-        f"{len(rows)} runs; functions by {named}; at most {' or '.join(f'{count:,}' for count in epochs)} epochs each."
+    named = (
+        " and ".join(dict.fromkeys(_AUTHORS[row["author"]] for row in rows if row["author"] != "nobody")) or "nobody"
     )
+    epochs = sorted({int(row["epochs_allowed"]) for row in rows})
+    return f"{len(rows)} {'run' if len(rows) == 1 else 'runs'}; functions by {named}; at most {' or '.join(f'{count:,}' for count in epochs)} epochs each."
 
 
 def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
@@ -141,23 +142,33 @@ def _chart(task: str, rows: Sequence[Row], winners: Sequence[Row]) -> Chart:
 
 
 def _paper_tables(runs: Sequence[Row]) -> Iterator[tuple[int, str]]:
-    """Yields the number and the lines of each table of the paper that has a task and a method of ours."""
-    ours = _grouped([row for row in runs if not row["variant"]], ("task", "method", "ablation"))
+    """Yields the number and the lines of each table of the paper that has a task and a method of ours.
+
+    A task has a row for each author of functions. Runs without functions stand in all of them.
+    """
+    plain = [row for row in runs if not row["variant"]]
     tables: dict[int, dict[str, dict[tuple[str, str], paper.Value]]] = {}
     for (number, task, method, ablation), value in paper.maximum_training_success().items():
         tables.setdefault(number, {}).setdefault(task, {})[method, ablation] = value
     for number, tasks in sorted(tables.items()):
-        shown = {task: cells for task, cells in tasks.items() if any((task, *name) in ours for name in cells)}
-        if shown:
-            names = list(dict.fromkeys(name for cells in shown.values() for name in cells))
-            lines = [
-                f"| task | {' | '.join(method_label(*name) for name in names)} |",
-                "| --- " * (len(names) + 1) + "|",
-            ]
-            for task, cells in shown.items():
-                values = (_beside(ours.get((task, *name)), cells.get(name)) for name in names)
-                lines.append(f"| {task} | {' | '.join(values)} |")
-            yield number, "\n".join(lines)
+        names = list(dict.fromkeys(name for cells in tasks.values() for name in cells))
+        lines = [
+            f"| {' | '.join((label, *(_beside(ours.get(name), cells.get(name)) for name in names)))} |"
+            for task, cells in tasks.items()
+            for label, ours in _by_author(task, [row for row in plain if (row["method"], row["ablation"]) in cells])
+        ]
+        if lines:
+            head = ("task", "functions by", *(method_label(*name) for name in names))
+            yield number, "\n".join((f"| {' | '.join(head)} |", "| --- " * len(head) + "|", *lines))
+
+
+def _by_author(task: str, runs: Sequence[Row]) -> Iterator[tuple[str, Mapping[tuple[str, ...], Sequence[Row]]]]:
+    """Yields the first two cells of each row of a task, and the runs in it by method and ablation."""
+    own = [row for row in runs if row["task"] == task]
+    writers = dict.fromkeys(row["author"] for row in own if row["author"] != "nobody")
+    for author in writers or (["nobody"] if own else []):
+        shown = [row for row in own if row["author"] in (author, "nobody")]
+        yield f"{task} | {_AUTHORS[author]}", _grouped(shown, ("method", "ablation"))
 
 
 def _beside(own: Sequence[Row] | None, value: paper.Value | None) -> str:
