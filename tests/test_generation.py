@@ -3,12 +3,13 @@ import dataclasses
 import pytest
 import torch
 
-from porse.errors import SearchError
+from porse.config import parse_params
+from porse.errors import ParamsError, SearchError
 from porse.functions.verdict import Verdict
 from porse.generation import answers
 from porse.generation.candidates import first_pool
 from porse.generation.conversations import Brief
-from porse.generation.functions import Attempt, Function, checked_functions, sample_of
+from porse.generation.functions import ROUNDS, Attempt, Function, checked_functions, sample_of
 from porse.generation.mutants import _collect
 from porse.generation.states import probe_states
 from porse.generation.values import parse_values
@@ -16,6 +17,7 @@ from porse.llm.request import Message, Reply
 from porse.pool import Pool
 from porse.search.breeding import Breeding
 from porse.tasks import find_task
+from tiny import committed_params
 
 BAD = Verdict(False, "syntax", "expected a colon", 3, (), ())
 GOOD = Verdict(True, "ok", "", 0, program="program")
@@ -136,9 +138,21 @@ def test_the_same_question_in_a_later_iteration_is_another_sample(params, brief,
     )
     assert params.generate.candidates == 6
     assert sample_of(brief, "reward", 2, 1, params, 4) == sample
-    # A mapping is never bred.
-    if winner == 3:
-        assert sample_of(brief, "mapping", 2, 1, params, 4) == 8
+
+
+def test_the_samples_of_a_mapping_follow_the_winner_since_mappings_are_not_bred(params, brief):
+    bred = dataclasses.replace(brief, winner={"iteration": 2}, breedings={2: Breeding(2, 0, "mutation", ("a",))})
+    # Of iterations 3 and 4, the first refined this winner before; as a reward, slot 2 was bred in iterations 2 and 3.
+    assert sample_of(bred, "mapping", 2, 0, params, 4) == 2 + 6006
+    assert sample_of(bred, "reward", 2, 0, params, 4) == 2 + 2 * 6006
+
+
+def test_an_iteration_has_more_samples_than_fresh_replies_are_allowed():
+    document = committed_params()
+    allowed = {**document["validate"], "max_fresh": ROUNDS - 1}
+    assert parse_params({**document, "validate": allowed}, "a test").validate.max_fresh == ROUNDS - 1
+    with pytest.raises(ParamsError, match="max_fresh"):
+        parse_params({**document, "validate": {**allowed, "max_fresh": ROUNDS}}, "a test")
 
 
 def test_when_no_attempt_is_left_the_stage_says_so(params, brief, model):

@@ -194,7 +194,15 @@ def _generation(number: int, params: Params) -> int:
 def sample_of(brief: Brief, kind: Kind, slot: int, fresh: int, params: Params, iteration: int) -> int:
     """Returns which sample of its question a slot asks for, so that no two of its attempts in a run share a reply.
 
-    `fresh` replies came before it in this iteration. A question stays the same while the winner that it refines does (ROSKA), or the parents that it breeds from (REvolve).
+    A question stays the same while the winner that it refines does (ROSKA), or the parents that it breeds from (REvolve).
+
+    Args:
+        brief: of the iteration.
+        kind: what is asked for.
+        slot: place in the iteration.
+        fresh: how many fresh replies the slot had in this iteration before.
+        params: the run's parameters.
+        iteration: from 1.
     """
     return slot + params.generate.candidates * (fresh + ROUNDS * _asked_before(brief, kind, slot, iteration))
 

@@ -1,7 +1,7 @@
 """The page of all suites' results, from the tables that Git tracks: `python -m porse.reporting.results_page docs`."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -112,7 +112,7 @@ def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
             f"{sum(int(row['valid_functions']) for row in own) / functions:.2f}" if functions else "",
             mean_text(published.mean, published.std) if published else "",
         ]
-        lines.append(f"| {' | '.join(cells)} |")
+        lines.append(_cells(*cells))
     return "\n".join(lines)
 
 
@@ -151,24 +151,42 @@ def _paper_tables(runs: Sequence[Row]) -> Iterator[tuple[int, str]]:
     for (number, task, method, ablation), value in paper.maximum_training_success().items():
         tables.setdefault(number, {}).setdefault(task, {})[method, ablation] = value
     for number, tasks in sorted(tables.items()):
-        names = list(dict.fromkeys(name for cells in tasks.values() for name in cells))
-        lines = [
-            f"| {' | '.join((label, *(_beside(ours.get(name), cells.get(name)) for name in names)))} |"
+        rows = [
+            (task, cells, author, ours)
             for task, cells in tasks.items()
-            for label, ours in _by_author(task, [row for row in plain if (row["method"], row["ablation"]) in cells])
+            for author, ours in _by_author([row for row in plain if row["task"] == task], cells)
         ]
-        if lines:
-            head = ("task", "functions by", *(method_label(*name) for name in names))
-            yield number, "\n".join((f"| {' | '.join(head)} |", "| --- " * len(head) + "|", *lines))
+        if rows:
+            names = list(dict.fromkeys(name for _, cells, _, _ in rows for name in cells))
+            yield (
+                number,
+                "\n".join(
+                    (
+                        _cells("task", "functions by", *(method_label(*name) for name in names)),
+                        "| --- " * (len(names) + 2) + "|",
+                        *(
+                            _cells(
+                                task, _AUTHORS[author], *(_beside(ours.get(name), cells.get(name)) for name in names)
+                            )
+                            for task, cells, author, ours in rows
+                        ),
+                    )
+                ),
+            )
 
 
-def _by_author(task: str, runs: Sequence[Row]) -> Iterator[tuple[str, Mapping[tuple[str, ...], Sequence[Row]]]]:
-    """Yields the first two cells of each row of a task, and the runs in it by method and ablation."""
-    own = [row for row in runs if row["task"] == task]
+def _by_author(
+    runs: Sequence[Row], names: Container[tuple[str, str]]
+) -> Iterator[tuple[str, Mapping[tuple[str, ...], Sequence[Row]]]]:
+    """Yields each author among the runs of some methods and ablations, and by these the runs beside which it stands."""
+    own = [row for row in runs if (row["method"], row["ablation"]) in names]
     writers = dict.fromkeys(row["author"] for row in own if row["author"] != "nobody")
-    for author in writers or (["nobody"] if own else []):
-        shown = [row for row in own if row["author"] in (author, "nobody")]
-        yield f"{task} | {_AUTHORS[author]}", _grouped(shown, ("method", "ablation"))
+    for author in writers or dict.fromkeys(row["author"] for row in own):
+        yield author, _grouped([row for row in own if row["author"] in (author, "nobody")], ("method", "ablation"))
+
+
+def _cells(*texts: str) -> str:
+    return f"| {' | '.join(texts)} |"
 
 
 def _beside(own: Sequence[Row] | None, value: paper.Value | None) -> str:
