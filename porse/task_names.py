@@ -47,7 +47,7 @@ TAGS: dict[str, str] = {
 
 TASK_TAGS: dict[str, tuple[str, ...]] = {
     "Quadcopter": ("easy",),
-    "FrankaCabinet": ("hard",),
+    "FrankaCabinet": ("easy",),
     "Anymal": ("locomotion", "easy"),
     "Humanoid": ("locomotion", "easy"),
     "Over": ("hands", "catch", "easy"),

@@ -286,6 +286,30 @@ def test_a_cluster_has_as_many_entries_as_it_has_room_for_each_in_a_clone_of_its
     assert "[2/3] Quadcopter-porse-2: failed: gone" in said
 
 
+@pytest.mark.parametrize(
+    ("ends", "starts"),
+    [
+        (["ERROR: failed to reproduce 'resolve': unable to remove 'inputs/fuse.json' without a confirmation.", ""], 2),
+        ([*(f"unable to remove '{name}' without a confirmation." for name in "abc"), ""], 3),
+        (["Error: gone", ""], 1),
+        (["", "Error: gone"], 1),
+    ],
+)
+def test_an_entry_starts_again_when_another_suite_wrote_the_same_object(tmp_path, monkeypatch, ends, starts):
+    log, left = tmp_path / "log", list(ends)
+
+    def reproduce(work: Path, log: Path, lock: int, warm: dict[str, str]) -> int:
+        log.write_text(end := left.pop(0))
+        return 7 if end else 0
+
+    monkeypatch.setattr(suite_run, "_reproduce", reproduce)
+    code = suite_run._reproduce_in_company(tmp_path, log, 5, {})
+    assert len(ends) - len(left) == starts
+    # The log and the code are those of the last start.
+    assert log.read_text() == ends[starts - 1]
+    assert code == (7 if ends[starts - 1] else 0)
+
+
 def test_entries_are_reckoned_by_the_candidates_that_they_begin_with(project):
     variants = {"six": {}, "seven": {"generate": {"candidates": 7}}}
     entries = resolve(parse_suite({**PLAIN, "variants": variants}, "a.yaml"), project, "code", "a.yaml")

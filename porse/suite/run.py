@@ -28,6 +28,12 @@ from porse.warm.start import warm_server
 _KEPT_LINES = 20
 """Lines of a failed entry's log that are kept with it."""
 
+_MET_ANOTHER = "without a confirmation"
+"""How DVC refuses to replace a file that it does not find in its cache."""
+
+_TRIES = 3
+"""How often DVC is started at most."""
+
 
 def run_suite(suite: Suite, root: Path, where: str, say: Callable[[str], None]) -> list[str]:
     """Runs what is not done yet, and returns the names of the entries that failed.
@@ -130,7 +136,7 @@ def _run_entry(
     repair(clone.work)
     log = folders.log(name)
     log.parent.mkdir(parents=True, exist_ok=True)
-    code = _reproduce(clone.work, log, lock, warm)
+    code = _reproduce_in_company(clone.work, log, lock, warm)
     result = folders.result(name)
     _set_aside(result, folders.earlier(name))
     result.mkdir(parents=True)
@@ -165,6 +171,19 @@ def _set_aside(result: Path, earlier: Path) -> None:
         shutil.rmtree(earlier)
     earlier.parent.mkdir(parents=True, exist_ok=True)
     result.rename(earlier)
+
+
+def _reproduce_in_company(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int:
+    """Runs `dvc repro` in the clone, again where another suite got in its way; returns the last exit code.
+
+    Clones share DVC's cache. While one of them adds an object, another one that adds the same object may find half of it there,
+    take it for damaged, and stop. The next start finds it whole.
+    """
+    for _ in range(_TRIES - 1):
+        code = _reproduce(work, log, lock, warm)
+        if not code or _MET_ANOTHER not in log.read_text(encoding="utf-8", errors="replace"):
+            return code
+    return _reproduce(work, log, lock, warm)
 
 
 def _reproduce(work: Path, log: Path, lock: int, warm: Mapping[str, str]) -> int:
