@@ -180,4 +180,4 @@ def test_the_description_of_the_task_is_in_every_question(root: Path) -> None:
             if any(find_task(task).DESCRIPTION in message.content for message in record.request.messages)
         ]
         asked[about] += 1
-    assert asked == {"Quadcopter": 151, "FrankaCabinet": 103}
+    assert asked == {"Quadcopter": 151, "FrankaCabinet": 151}
