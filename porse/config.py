@@ -175,6 +175,7 @@ class ProbeParams(Section):
     trainings: Few
     initial: Annotated[int, Range(2, 101)]
     share: Fraction
+    least_epochs: Positive
     length: Annotated[float, Range(1e-3)]
     noise: Annotated[float, Range(1e-9)]
     xi: NonNegative

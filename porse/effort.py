@@ -20,7 +20,7 @@ from porse.estimate import REPAIRS, estimated, planned_questions
 from porse.llm.store import Store
 from porse.plan import EVALUATE, planned
 from porse.search.elimination import how_many_go_on
-from porse.search.lengths import alpha_is_searched, rung_epochs
+from porse.search.lengths import alpha_is_searched, probe_trainings, rung_epochs
 from porse.search.schedule import first_candidates, is_searched, mutants, total_epochs, work
 from porse.task_names import is_own
 from porse.training.bar import in_words
@@ -167,7 +167,7 @@ def _pools(params: Params, iteration: int) -> list[tuple[int, int, int]]:
             found.append((0, sizes[before], sizes[before] * ages[before] * epochs_of))
         size, new = sizes[rung.pool], trained[str(rung.rung)]
         if index == 0 and alpha_is_searched(params, iteration):
-            probes = size * (params.probe.trainings - 1)
+            probes = size * (probe_trainings(params) - 1)
             size, new = size + probes, new + probes
         kept = how_many_go_on(params, rung.keep, size)
         found += [(new, size, size * rung.until * epochs_of), (0, kept, kept * rung.until * epochs_of)]

@@ -65,7 +65,7 @@ def test_a_run_of_the_default_schedule_by_hand(params):
 
 
 def test_alphas_that_are_searched_cost_probes_and_leave_them_in_the_pool(params):
-    probe = dataclasses.replace(params.probe, trainings=4, share=0.4)
+    probe = dataclasses.replace(params.probe, trainings=4, share=0.4, least_epochs=1)
     train = dataclasses.replace(params.train, rung_epochs=10, num_envs=3, steps_per_epoch=11)
     some = dataclasses.replace(params, probe=probe, train=train, iterations=params.iterations[:2])
     # From iteration 2 on, each of 6 candidates has 3 probes more, of 4 epochs.

@@ -303,7 +303,7 @@ def tree(folder: Path) -> dict[str, str]:
 
 
 def test_the_search_of_alpha_goes_on_without_a_candidate_that_fails(small, starts, tmp_path, monkeypatch):
-    probe = dataclasses.replace(small.probe, trainings=3, initial=2, share=0.5)
+    probe = dataclasses.replace(small.probe, trainings=3, initial=2, share=0.5, least_epochs=1)
     roska = dataclasses.replace(small, probe=probe)
     rows = [candidate("good", 0, REWARD, 1.0), candidate("bad", 1, NOT_FINITE, 1.0), candidate("calm", 2, REWARD, 0.5)]
     policies = {stem: starts / "start.safetensors" for stem in ("best", "random", "fused")}

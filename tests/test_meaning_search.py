@@ -39,7 +39,7 @@ from porse.search.feedback import STAGED, TOLD, WEIGHED, Series, feedback_rows, 
 from porse.search.fusion import fuse
 from porse.search.incumbent import feedback_mts, incumbent, winner
 from porse.search.islands import softmax
-from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
+from porse.search.lengths import alpha_is_searched, probe_epochs, probe_trainings, rung_epochs, spread_trainings
 from porse.search.lineage import episodes_seed, evaluation_seed, lineage
 from porse.search.mutation import mutant, swarm_seed, swarm_step
 from porse.search.schedule import (
@@ -294,10 +294,31 @@ def test_a_rung_of_one_policy_is_as_long_as_a_lineages_or_takes_the_whole_budget
     assert 6 * lengths["budget"] == allowed_epochs(seven)
 
 
-def test_a_probe_is_a_share_of_a_rung_and_at_least_an_epoch(params):
+def probing(params, share, least, trainings=14, initial=6, rung=7):
+    probe = {"share": share, "least_epochs": least, "trainings": trainings, "initial": initial}
+    return changed(params, train={"rung_epochs": rung}, probe=probe)
+
+
+def test_a_probe_is_a_share_of_a_rung_or_longer_but_no_longer_than_the_rung(params):
     # 0.4 of 7 is 2.8, 0.3 of 7 is 2.1, and 0.01 of 7 is next to nothing
-    found = [probe_epochs(changed(params, train={"rung_epochs": 7}, probe={"share": s})) for s in (0.4, 0.3, 0.01)]
-    assert found == [3, 2, 1]
+    assert [probe_epochs(probing(params, share, 1)) for share in (0.4, 0.3, 0.01)] == [3, 2, 1]
+    assert [probe_epochs(probing(params, 0.4, least)) for least in (3, 5, 7, 9)] == [3, 5, 7, 7]
+
+
+def test_longer_probes_are_fewer_and_cost_no_more(params):
+    # 14 of 0.4 x 500 epochs: the 13 that are thrown away may cost 2600. Of 300 epochs these are 8, of 500 they are 5.
+    paper = [probing(params, 0.4, least, rung=500) for least in (63, 200, 300, 500)]
+    assert [probe_epochs(each) for each in paper] == [200, 200, 300, 500]
+    assert [probe_trainings(each) for each in paper] == [14, 14, 9, 6]
+    # 6 of 14 alphas are evenly spread: of 9 they are 3.86, of 6 they are 2.57.
+    assert [spread_trainings(each) for each in paper] == [6, 6, 4, 3]
+    # 2 x 0.3 x 7 = 4.2 epochs pay for none of 7; one is compared with another in any case.
+    assert probe_trainings(probing(params, 0.3, 7, trainings=3)) == 2
+    # 10 x 0.7 x 10 = 70 in the numbers of a computer is a last bit less.
+    assert probe_trainings(probing(params, 0.7, 1, trainings=11, rung=10)) == 11
+    # No more of them are spread than there are, and never fewer than both ends.
+    assert spread_trainings(probing(params, 0.4, 1, trainings=3, initial=6, rung=5)) == 3
+    assert spread_trainings(probing(params, 0.4, 5, trainings=6, initial=2, rung=5)) == 2
 
 
 def test_alpha_is_searched_from_the_second_iteration_on(params):
@@ -364,16 +385,16 @@ def test_who_is_older_than_a_rung_costs_nothing_in_it(params):
 
 
 def test_probes_cost_their_own_epochs_beside_the_rung(params):
-    # 5 probes of round(0.4 x 7) = 3 epochs for 2 candidates; the best goes on: 2 (7 + 4 x 3) = 38
+    # Probes of round(0.4 x 7) = 3 epochs for 2 candidates. 4 x 2.8 pay for 3 beside the best, which goes on: 2 (7 + 3 x 3) = 32
     roska = changed(
         params,
         train={"rung_epochs": 7},
         generate={"candidates": 2},
-        probe={"trainings": 5, "share": 0.4},
+        probe={"trainings": 5, "share": 0.4, "least_epochs": 1},
         eliminate={"keep": "one"},
         mutate={"mutants": 0},
     )
-    assert [cost.epochs for cost in work(roska, 2)] == [38, 7, 7, 0, 7, 7, 7]
+    assert [cost.epochs for cost in work(roska, 2)] == [32, 7, 7, 0, 7, 7, 7]
     assert [cost.epochs for cost in work(roska, 1)] == [14, 7, 7, 0, 7, 7, 7]
 
 

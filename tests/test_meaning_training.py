@@ -1221,7 +1221,7 @@ def fusible(tmp_path):
 
 def test_a_probe_that_failed_counts_as_the_worst_and_not_as_the_best(params, fusible, tmp_path):
     """Of 0, 0.5 and 1 the first fails and the others score 2 and 3: the search goes on above a half."""
-    roska = changed(params, probe={"trainings": 4, "initial": 3})
+    roska = changed(params, probe={"trainings": 4, "initial": 3, "least_epochs": 1})
 
     def train(rows, starts, until):
         fitness = {0.0: None, 0.5: 2.0, 1.0: 3.0}
@@ -1237,7 +1237,9 @@ def test_a_probe_that_failed_counts_as_the_worst_and_not_as_the_best(params, fus
 
 def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoints(small, pretended, fusible, tmp_path):
     """2 candidates, 3 probes each to epoch round(0.4 x 5) = 2; then one of each to epoch 5."""
-    roska = changed(small, train={"rung_epochs": 5}, probe={"trainings": 3, "initial": 3, "share": 0.4})
+    roska = changed(
+        small, train={"rung_epochs": 5}, probe={"trainings": 3, "initial": 3, "share": 0.4, "least_epochs": 2}
+    )
     search_rung(fusible, roska, 2, "1", 5, tmp_path / "out")
     # 6 probes of 2 epochs, and 3 epochs more for the two that go on
     assert [entry[:3] for entry in Bar.shown] == [("iteration 2 rung 1", 2, 18)]
@@ -1246,17 +1248,19 @@ def test_only_the_chosen_probes_go_on_to_the_rungs_end_from_their_own_checkpoint
     # theta_best is 1 and theta_random 0, so theta_f is alpha
     assert [read_checkpoint(entry.start).arrays["actor.w"].item() for entry in probed] == [0.0, 0.5, 1.0] * 2
     assert [entry.until for entry in going] == [5] * 2
-    # equal scores: the smallest alpha goes on
+    # equal scores: the largest alpha goes on
     assert [entry.start.stem for entry in going] == [entry.name for entry in going]
     after = read_pool(tmp_path / "out").candidates
-    assert [(r["alpha"], r["epochs"]) for r in after] == [(0.0, 5), (0.0, 5), (0.5, 2), (1.0, 2), (0.5, 2), (1.0, 2)]
+    assert [(r["alpha"], r["epochs"]) for r in after] == [(1.0, 5), (1.0, 5), (0.0, 2), (0.5, 2), (0.0, 2), (0.5, 2)]
     assert len({entry.seed for entry in probed + going}) == 1
 
 
 def test_probes_that_another_one_beat_are_numbered_behind_the_last_slot(small, pretended, fusible, tmp_path):
     """2 candidates, 2 probes each that are spread and 2 that follow one by one, to epoch 2; then one of each to epoch 5."""
     pool = Pool(fusible.folder, [row("a", 4, iteration=2), row("b", 2, iteration=2)], [])
-    roska = changed(small, train={"rung_epochs": 5}, probe={"trainings": 4, "initial": 2, "share": 0.4})
+    roska = changed(
+        small, train={"rung_epochs": 5}, probe={"trainings": 4, "initial": 2, "share": 0.4, "least_epochs": 2}
+    )
     search_rung(pool, roska, 2, "1", 5, tmp_path / "out")
     assert [len(jobs) for jobs in pretended.jobs] == [4, 2, 2, 2]
     # 2 x (4 x 2 + 3)

@@ -12,6 +12,7 @@ from porse.generation.brief import read_brief
 from porse.generation.functions import first_attempts
 from porse.llm.request import Question, Reply
 from porse.methods import ABLATIONS, METHODS, overridden
+from porse.presets import SIZES
 from porse.report.figures import (
     area_under_curve,
     chain_fitness,
@@ -20,10 +21,12 @@ from porse.report.figures import (
     human_normalised_score,
 )
 from porse.report.run import Run
+from porse.search.lengths import probe_epochs
 from porse.search.lineage import lineage
 from porse.search.schedule import allowed_epochs, total_epochs, work
 from porse.steps.begin import begin
-from tiny import committed_params
+from porse.task_names import TASK_CLASSES
+from tiny import ROOT, committed_params
 
 PAPER = {
     # paper/tables/budget.csv says 90 000 for each of these; ROSKA's own schedule with 14 trainings falls 100 short:
@@ -61,6 +64,16 @@ def test_roska_pays_its_probes_from_the_budget():
     params = parsed("roska", train={"rung_epochs": 500})
     assert [cost.epochs for cost in work(params, 1)] == [6 * 500, 500, 500, 0, 500, 500, 500]
     assert work(params, 2)[0].epochs == 6 * (14 * 200 + 300)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("task", TASK_CLASSES)
+def test_roskas_probes_hold_an_episode_of_any_task_and_stay_within_its_budget(task, size):
+    document = {**committed_params(), "task": task, "size": size, "method": "roska"}
+    params = parse_params(document, "params.yaml", ROOT)
+    assert probe_epochs(params) >= params.probe.least_epochs
+    # They use most of what the other methods spend.
+    assert 0.9 * allowed_epochs(params) <= total_epochs(params) <= allowed_epochs(params)
 
 
 def test_llmcount_trains_six_policies_for_15000_epochs_each():

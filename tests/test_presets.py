@@ -55,6 +55,7 @@ def test_a_rung_and_what_ranks_it_hold_a_whole_episode(task, size):
     steps, rung = params.train.steps_per_epoch, params.train.rung_epochs
     assert rung * steps >= length
     # No more epochs than that, but ten at least: the mean is of the policy as it is at the rung's end.
+    assert params.probe.least_epochs == math.ceil(length / steps) <= rung
     assert params.eliminate.window == max(10, math.ceil(length / steps)) <= rung
     # Mutants are proposed after three rungs, from all that was trained.
     assert params.mutate.window == 3 * rung
@@ -153,7 +154,7 @@ def numbers(gamma):
         "normalise_observations": False, "learning_rate": 0.013, "desired_kl": 0.011, "gamma": gamma,
         "value_coefficient": 1.7, "passes": 9, "minibatches": 15,
     }  # fmt: skip
-    return {"train": train, "eliminate": {"window": 4}, "mutate": {"window": 19}}
+    return {"train": train, "probe": {"least_epochs": 3}, "eliminate": {"window": 4}, "mutate": {"window": 19}}
 
 
 def write(project, content):
@@ -172,7 +173,7 @@ def asked(**changed):
 def test_null_is_the_presets_value_and_any_other_value_takes_its_place(project):
     params = parse_params(asked(), "params.yaml", project)
     assert (params.train.gamma, params.train.minibatches, params.train.hidden) == (0.71, 15, (3, 2))
-    assert (params.eliminate.window, params.mutate.window) == (4, 19)
+    assert (params.probe.least_epochs, params.eliminate.window, params.mutate.window) == (3, 4, 19)
     paper = parse_params(
         asked(size="paper", train__passes=2, train__normalise_observations=True), "params.yaml", project
     )
@@ -229,7 +230,7 @@ def changed(name, value):
     ("content", "words"),
     [
         (changed("cpu.train.gama", 0.9), ["found cpu.train.gama", "did you mean cpu.train.gamma?"]),
-        (changed("cpu.exploration", {"cells": 3}), ["found cpu.exploration", "a preset gives train, eliminate, mutate"]),
+        (changed("cpu.exploration", {"cells": 3}), ["found cpu.exploration", "a preset gives train, probe, eliminate, mutate"]),
         (changed("gpu", {}), ["found gpu", "did you mean cpu?"]),
         (changed("cpu.mutate.window", None), ["expected cpu.mutate.window", "found none"]),
         (changed("paper", None), ["expected paper", "found none"]),
@@ -285,7 +286,11 @@ def test_the_rules_for_a_small_task_with_short_episodes():
         "normalise_observations": True, "learning_rate": 0.001, "desired_kl": 0.016, "gamma": 0.96,
         "value_coefficient": 1.0, "passes": 4, "minibatches": 4,
     }  # fmt: skip
-    assert (found["eliminate"], found["mutate"]) == ({"window": 10}, {"window": 36})
+    assert (found["probe"], found["eliminate"], found["mutate"]) == (
+        {"least_epochs": 6},
+        {"window": 10},
+        {"window": 36},
+    )
 
 
 @pytest.mark.parametrize(
@@ -311,6 +316,7 @@ def test_the_rules_follow_from_episode_and_sizes(size, sizes, epochs, envs, step
         epochs, envs, steps, hidden, gamma,
     ]  # fmt: skip
     assert (found["eliminate"]["window"], found["mutate"]["window"]) == (window, 3 * epochs)
+    assert found["probe"]["least_epochs"] * steps >= sizes.episode > (found["probe"]["least_epochs"] - 1) * steps
     assert {section: set(values) for section, values in found.items()} == {
         name: set(keys) for name, keys in GIVEN.items()
     }

@@ -28,7 +28,7 @@ def pool(tmp_path):
 
 @pytest.fixture
 def roska(params):
-    return dataclasses.replace(params, probe=dataclasses.replace(params.probe, trainings=9, initial=6))
+    return dataclasses.replace(params, probe=dataclasses.replace(params.probe, trainings=9, initial=6, least_epochs=1))
 
 
 def peaked(rows, starts, until):

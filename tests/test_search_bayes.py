@@ -7,7 +7,7 @@ from porse.config import ProbeParams
 from porse.search import bayes
 from porse.search.bayes import GRID, best_alpha, expected_improvement, initial_alphas, next_alpha
 
-PARAMS = ProbeParams(trainings=14, initial=6, share=0.4, length=0.2, noise=1e-6, xi=0.01)
+PARAMS = ProbeParams(trainings=14, initial=6, share=0.4, least_epochs=1, length=0.2, noise=1e-6, xi=0.01)
 
 
 def matern(distance, length):
@@ -129,9 +129,9 @@ def test_improvements_that_differ_in_the_tenth_decimal_are_equal_and_in_the_nint
         assert next_alpha([0.0, 1.0], [1.0, 2.0], PARAMS) == expected
 
 
-def test_the_best_alpha_is_that_of_the_highest_score_and_the_smallest_of_equals():
+def test_the_best_alpha_is_that_of_the_highest_score_and_the_largest_of_equals():
     assert best_alpha([0.0, 0.8, 0.2], [1.0, 3.0, 2.0]) == 0.8
-    assert best_alpha([0.0, 0.8, 0.2], [1.0, 3.0, 3.0]) == 0.2
+    assert best_alpha([0.0, 0.8, 0.2], [1.0, 3.0, 3.0]) == 0.8
 
 
 @pytest.mark.parametrize("scores", [[], [1.0], [1.0, 2.0, 3.0], [1.0, float("nan")], [1.0, float("-inf")]])

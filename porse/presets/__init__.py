@@ -28,6 +28,7 @@ GIVEN: Mapping[str, tuple[str, ...]] = {
         "rung_epochs", "num_envs", "steps_per_epoch", "hidden", "init_std", "normalise_observations", "learning_rate",
         "desired_kl", "gamma", "value_coefficient", "passes", "minibatches",
     ),
+    "probe": ("least_epochs",),
     "eliminate": ("window",),
     "mutate": ("window",),
 }  # fmt: skip

@@ -5,6 +5,7 @@ cpu:
 - An epoch is 4096 steps: 16 in each of 256 environments; 32 in 128 where an episode is longer than 320 steps, 64 in 64
   where it is longer than 1280.
 - A rung holds at least one whole episode, and at least 12 epochs.
+- A short training in the search of alpha holds a whole episode, too.
 - Candidates are ranked over the epochs that hold a whole episode, at least 10. The model is shown all that was trained at
   half time: three rungs.
 - Returns look 100 steps ahead (gamma 0.99); 25 where an episode is shorter than 100 (gamma 0.96).
@@ -49,6 +50,7 @@ def values_by_rule(size: str, sizes: Sizes) -> Mapping[str, Mapping[str, Any]]:
     train["rung_epochs"] = max(train["rung_epochs"], held)
     return {
         "train": train,
+        "probe": {"least_epochs": held},
         "eliminate": {"window": max(FEWEST_RANKED, held)},
         "mutate": {"window": RUNGS_TO_HALF_TIME * train["rung_epochs"]},
     }

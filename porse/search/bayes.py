@@ -52,13 +52,13 @@ def next_alpha(tried: Sequence[float], scores: Sequence[float], params: ProbePar
 
 
 def best_alpha(tried: Sequence[float], scores: Sequence[float]) -> float:
-    """Returns the alpha of the highest score, the smallest one where several are equal.
+    """Returns the alpha of the highest score, the largest one where several are equal: it keeps most of the policy.
 
     Raises:
         ValueError: the scores do not match the alphas or are not finite.
     """
     _check(tried, scores)
-    return min(zip(tried, scores, strict=True), key=lambda pair: (-pair[1], pair[0]))[0]
+    return max(zip(tried, scores, strict=True), key=lambda pair: (pair[1], pair[0]))[0]
 
 
 def expected_improvement(

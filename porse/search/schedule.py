@@ -7,7 +7,7 @@ from typing import Literal
 from porse.config import Iteration, Params
 from porse.errors import ParamsError
 from porse.search.elimination import how_many_go_on
-from porse.search.lengths import alpha_is_searched, probe_epochs, rung_epochs
+from porse.search.lengths import alpha_is_searched, probe_epochs, probe_trainings, rung_epochs
 
 BETA, ALPHA, DRAW = "beta", "alpha", "draw"
 """What mutants may vary: a weight, a share, or nothing but the random draws of their training."""
@@ -73,7 +73,7 @@ def work(params: Params, iteration: int) -> list[Work]:
         epochs = [max(0, rung.until - age) * epochs_of for age in pool]
         if index == 0 and alpha_is_searched(params, iteration):
             # The best probe of a candidate goes on to the rung's end; the others cost their own epochs.
-            epochs = [cost + (params.probe.trainings - 1) * probe_epochs(params) for cost in epochs]
+            epochs = [cost + (probe_trainings(params) - 1) * probe_epochs(params) for cost in epochs]
         done.append(Work(str(rung.rung), sum(1 for count in epochs if count), sum(epochs)))
         ages[f"eliminate-{rung.rung}"] = [rung.until] * how_many_go_on(params, rung.keep, len(pool))
     return done

@@ -15,7 +15,7 @@ from porse.identity import candidate_id
 from porse.pool import BEST, RANDOM, Pool, policy_file
 from porse.search.bayes import best_alpha, initial_alphas, next_alpha
 from porse.search.fusion import Policy, fuse
-from porse.search.lengths import probe_epochs
+from porse.search.lengths import probe_epochs, probe_trainings, spread_trainings
 from porse.tables import Row
 from porse.training.job import Outcome
 from porse.training.population import train_pool
@@ -80,7 +80,7 @@ def search_rung(pool: Pool, params: Params, iteration: int, rung: str, until: in
     The probes that another one beat are in the written pool, too, younger than the rung.
     """
     short = min(probe_epochs(params), until)
-    epochs = len(pool.candidates) * (params.probe.trainings * short + until - short)
+    epochs = len(pool.candidates) * (probe_trainings(params) * short + until - short)
     with rung_bar(params, f"iteration {iteration} rung {rung}", len(pool.candidates), epochs) as bar:
 
         def train(rows: Sequence[Row], starts: Sequence[Path], to: int) -> list[Outcome]:
@@ -115,9 +115,9 @@ def search_alphas(pool: Pool, params: Params, until: int, out: Path, train: Trai
         for (search, _), row, outcome in zip(wanted, rows, train(rows, starts, until), strict=True):
             search.probes.append(Probe(row_after(row, outcome, until), outcome))
 
-    spread = initial_alphas(min(params.probe.initial, params.probe.trainings))
+    spread = initial_alphas(spread_trainings(params))
     probe([(search, alpha) for search in searches for alpha in spread])
-    for _ in range(params.probe.trainings - len(spread)):
+    for _ in range(probe_trainings(params) - len(spread)):
         probe([(search, search.next(params)) for search in searches])
     return _numbered([search.result() for search in searches], 1 + max(row["slot"] for row in pool.candidates))
 
