@@ -314,8 +314,8 @@ def test_longer_probes_are_fewer_and_cost_no_more(params):
     assert [spread_trainings(each) for each in paper] == [6, 6, 4, 3]
     # 2 x 0.3 x 7 = 4.2 epochs pay for none of 7; one is compared with another in any case.
     assert probe_trainings(probing(params, 0.3, 7, trainings=3)) == 2
-    # 10 x 0.7 x 10 = 70 in the numbers of a computer is a last bit less.
-    assert probe_trainings(probing(params, 0.7, 1, trainings=11, rung=10)) == 11
+    # 7 x 0.7 x 10 = 49, which is a last bit less in the numbers of a computer, pays for 7 of 7.
+    assert probe_trainings(probing(params, 0.7, 1, trainings=8, rung=10)) == 8
     # No more of them are spread than there are, and never fewer than both ends.
     assert spread_trainings(probing(params, 0.4, 1, trainings=3, initial=6, rung=5)) == 3
     assert spread_trainings(probing(params, 0.4, 5, trainings=6, initial=2, rung=5)) == 2
