@@ -172,7 +172,7 @@ def test_the_command_prints_requests_tokens_and_cost(
 
 def test_the_description_of_the_task_is_in_every_question(root: Path) -> None:
     # The tasks of the committed replies.
-    asked = dict.fromkeys(("Quadcopter", "FrankaCabinet", "DoorOpenOutward"), 0)
+    asked = dict.fromkeys(("Quadcopter", "FrankaCabinet", "DoorOpenOutward", "PushBlock"), 0)
     for record in records_of(root / "llm_cache"):
         [about] = [
             task
@@ -180,4 +180,4 @@ def test_the_description_of_the_task_is_in_every_question(root: Path) -> None:
             if any(find_task(task).DESCRIPTION in message.content for message in record.request.messages)
         ]
         asked[about] += 1
-    assert asked == {"Quadcopter": 151, "FrankaCabinet": 151, "DoorOpenOutward": 129}
+    assert asked == {"Quadcopter": 151, "FrankaCabinet": 169, "DoorOpenOutward": 147, "PushBlock": 123}
