@@ -35,8 +35,8 @@ TRAINING_MIB = 600
 DISK_NEEDED_MIB, DISK_WANTED_MIB = 200, 2048
 """A default run leaves about 80 MiB, twice that where DVC copies; a suite of 20 leaves about 2 GiB."""
 
-RECORDS_READ = 500
-"""So many recorded replies are read at most, spread over the cache: `porse llm verify` reads all."""
+RECORDS_READ = 2000
+"""So many recorded replies are read at most, in about a second, spread over the cache: `porse llm verify` reads all."""
 
 _PIN = re.compile(r"^([A-Za-z0-9._-]+)==([^\s;]+)")
 _WRITTEN = ("", "run", "inputs", "evaluation", "results", "plots", "logs", "iterations", ".porse", ".dvc", ".dvc/tmp")
