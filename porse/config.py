@@ -447,6 +447,9 @@ def _check_together(params: Params, where: str, below: str) -> None:
         raise ParamsError(
             wrong("train.minibatches", f"a divisor of num_envs x steps_per_epoch = {batch}", train.minibatches, below)
         )
+    if params.probe.trainings == 1:
+        expected = "0, or at least 2: one value of alpha has nothing to be compared with"
+        raise ParamsError(wrong("probe.trainings", expected, 1, where))
     _check_rungs(params, where)
     _check_iterations(params, where)
 

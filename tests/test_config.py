@@ -56,6 +56,7 @@ def test_the_committed_parameters_load(params):
         ("train.gamma", float("nan"), ["train.gamma", "finite"]),
         ("train.minibatches", 7, ["train.minibatches", "divisor"]),
         ("generate.elites", 6, ["generate.elites", "generate.candidates"]),
+        ("probe.trainings", 1, ["probe.trainings", "0, or at least 2", "found 1"]),
         ("train.hidden", [], ["train.hidden", "list"]),
         ("iterations", [{"n": 2, "next": 3}], ["iterations"]),
         (

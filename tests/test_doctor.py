@@ -119,8 +119,8 @@ def test_without_git_on_the_path_that_is_a_problem(tmp_path, monkeypatch):
 
 def test_an_edited_reply_is_a_problem_and_an_empty_cache_a_warning(project):
     assert doctor.replies(project / "llm_cache").state == "ok"
-    # The first one is read, however large the cache is.
-    record = min((project / "llm_cache").glob("??/*.json"))
+    # The last one: all committed replies are read.
+    record = max((project / "llm_cache").glob("??/*.json"))
     record.write_text(record.read_text().replace('"', "'", 1))
     assert doctor.replies(project / "llm_cache").state == "problem"
     assert doctor.replies(project / "none").state == "warning"

@@ -81,7 +81,8 @@ def params_of(task: str, name: str) -> dict:
     params["generate"] |= {"candidates": 2, "elites": 1}
     params["validate"] |= {"probe_envs": 8, "probe_steps": 8}
     params["train"] |= {"num_envs": 8, "steps_per_epoch": 4, "rung_epochs": 1, "hidden": [8], "minibatches": 2}
-    params["probe"] |= {"initial": 2}
+    # A rung has one epoch: it is one short training.
+    params["probe"] |= {"initial": 2, "share": 1.0}
     params["mutate"] |= {"pool": "eliminate-1", "mutants": 2}
     params["fuse"] |= {"pool": "eliminate-mutants"}
     params["evaluate"] |= {"seeds": 1, "episodes": 8}
@@ -268,13 +269,12 @@ def test_without_fusion_iteration_2_starts_from_the_random_policy(runs, task, na
 
 
 @each(["roska", "roska-ce"])
-def test_roska_tries_as_many_alphas_for_each_candidate_as_its_epochs_pay_for(runs, task, name):
+def test_roska_tries_14_alphas_for_each_candidate_and_goes_on_with_the_best(runs, task, name):
     probes = [row for row in runs.table(task, name, "candidates") if row["origin"] == "probe"]
     assert {row["iteration"] for row in probes} == {2}
     for parent in {row["parent_id"] for row in probes}:
         alphas = [row["alpha"] for row in probes if row["parent_id"] == parent]
-        # A rung has one epoch, so a probe has one, too; 13 of 0.4 epochs pay for 5 beside the best.
-        assert len(set(alphas)) == len(alphas) == 6
+        assert len(set(alphas)) == len(alphas) == 14
         assert {0.0, 1.0} <= set(alphas)
 
 

@@ -26,6 +26,7 @@ from porse.search.lineage import lineage
 from porse.search.schedule import allowed_epochs, total_epochs, work
 from porse.steps.begin import begin
 from porse.task_names import TASK_CLASSES
+from porse.tasks import find_task
 from tiny import ROOT, committed_params
 
 PAPER = {
@@ -71,7 +72,7 @@ def test_roska_pays_its_probes_from_the_budget():
 def test_roskas_probes_hold_an_episode_of_any_task_and_stay_within_its_budget(task, size):
     document = {**committed_params(), "task": task, "size": size, "method": "roska"}
     params = parse_params(document, "params.yaml", ROOT)
-    assert probe_epochs(params) >= params.probe.least_epochs
+    assert probe_epochs(params) * params.train.steps_per_epoch >= find_task(task).EPISODE_LENGTH
     # They use most of what the other methods spend.
     assert 0.9 * allowed_epochs(params) <= total_epochs(params) <= allowed_epochs(params)
 
