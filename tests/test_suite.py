@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import platform
 import re
 import shutil
 import signal
@@ -618,6 +619,8 @@ def test_a_suite_resumes_records_failures_and_skips_what_is_done(running):
     assert yaml.safe_load((result / "dvc.lock").read_text())["stages"]["summarise"]
     assert (result / "results" / "curves.parquet").is_file()
     assert policy_file(result / "run" / "result" / "start", BEST).is_file()
+    record = json.loads((result / "logs" / "environment.json").read_text())
+    assert (record["python"], record["MKL_CBWR"]) == (platform.python_version(), "COMPATIBLE")
     failed = json.loads((folders.result("Quadcopter-eureka-1") / "failed.json").read_text())
     assert any("Expected a recorded reply in llm_cache" in line for line in failed["last_lines"])
 

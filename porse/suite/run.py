@@ -16,6 +16,7 @@ from porse.paths import python_of_stages
 from porse.pipeline import FOLDER as ITERATIONS
 from porse.processes import die_with_parent
 from porse.repair import repair
+from porse.stage import LOGS
 from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
 from porse.suite.folders import Clone, Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
@@ -150,6 +151,9 @@ def _run_entry(
         (result / kept).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(clone.work / kept, result / kept)
     shutil.copytree(clone.work / "results", result / "results")
+    # The machine's record is not tracked: an entry whose stages all came from DVC's cache leaves none.
+    if (clone.work / LOGS).is_dir():
+        shutil.copytree(clone.work / LOGS, result / LOGS)
     # The policy that the run ended with, for `porse play` and `porse export`.
     end = Path("run", str(resolved.params["iterations"][-1]["next"]), "start")
     shutil.copytree(clone.work / end, result / end)
