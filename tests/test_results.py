@@ -184,6 +184,68 @@ def test_a_table_of_the_paper_has_a_row_for_each_author_and_everybodys_reference
     assert "\n1 run; functions by nobody;" in alone
 
 
+def lines_of_table(number, runs, winners):
+    """Returns the cells of a table of the page, by the names of their columns."""
+    text, _ = page(Evidence(runs, winners))
+    found = text.partition(f"## Table {number}\n\n")[2].partition("\n\n")[0].splitlines()
+    names, _, *lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in found] or [[], []]
+    return [dict(zip(names, line, strict=True)) for line in lines]
+
+
+def test_the_drop_of_an_ablation_is_a_share_of_porses_mts_by_the_same_author():
+    runs = [
+        run_line(seed=1, mts=-0.4),
+        run_line(seed=2, mts=-0.6),
+        run_line(seed=1, ablation="fixed-beta", mts=-0.8),
+        run_line(seed=1, ablation="without-fusion", mts=-0.45),
+        run_line(seed=1, author="model", suite="t", mts=-0.2),
+        run_line(seed=1, task="FrankaCabinet", mts=0.8),
+        run_line(seed=1, task="FrankaCabinet", ablation="without-bonus", mts=0.6),
+        run_line(seed=1, task="PushBlock", mts=0.0),
+        run_line(seed=1, task="PushBlock", ablation="fixed-alpha", mts=0.5),
+    ]
+    first, second, third = lines_of_table(16, runs, [winner_line(run, 1, run["mts"]) for run in runs])
+    # PoRSE's mean is -0.5; the model's run has no ablation beside it, so that it has no row.
+    assert (first["task"], first["functions by"]) == ("Quadcopter", "the grammar")
+    assert first["porse fixed-beta"] == "60.0 %; paper 35.7 %"
+    assert first["porse without-fusion"] == "-10.0 %; paper 142.9 %"
+    assert first["porse without-bonus"] == "not run; paper 171.4 %"
+    assert (second["task"], second["porse without-bonus"]) == ("FrankaCabinet", "25.0 %; paper 4.7 %")
+    # Against 0 there is no share. The paper's is that of table 2, where PoRSE has 0.318, not 0.378.
+    assert third["porse fixed-alpha"] == "undefined; paper 2.8 %"
+    assert "porse" not in first
+
+
+def test_the_weights_are_those_that_porses_winners_have_where_mutants_vary_them():
+    runs = [run_line(seed=1), run_line(seed=2), run_line(seed=1, method="simhash"), run_line(seed=9, task="Over")]
+    winners = [
+        winner_line(run, n, 0) | {"beta": str(beta), "alpha": str(alpha)}
+        for run, weights in zip(
+            runs,
+            (((0.7, 0.2), (0.5, 0.3)), ((1.1, 0.4), (0.6, 0.9)), ((9, 9), (9, 9)), ((8, 8), (8, 8))),
+            strict=True,
+        )
+        for n, (beta, alpha) in enumerate(weights, start=1)
+    ]
+    (only,) = lines_of_table(18, runs, winners)
+    assert (only["task"], only["runs"]) == ("Quadcopter", "2")
+    # (0.7 + 1.1) / 2, and half their distance times the root of 2; alpha in the second iteration, (0.3 + 0.9) / 2.
+    assert only["1: beta"] == "0.900 ± 0.283; paper 1.734"
+    assert only["2: alpha"] == "0.600 ± 0.424; paper 0.214"
+    assert only["3: beta"] == "not run; paper 1.462"
+
+
+def test_a_table_without_a_task_of_ours_is_named():
+    run, other = run_line(), run_line(task="BlockStack")
+    text, _ = page(Evidence([run], [winner_line(run, 1, 0)]))
+    assert (
+        "Table 17 has no task on which a suite has run: Humanoid, LiftUnderarm, BlockStack, TwoCatchUnderarm." in text
+    )
+    text, _ = page(Evidence([run, other], [winner_line(each, 1, 0) for each in (run, other)]))
+    assert "Table 17 has no task" not in text
+    assert "## Table 17" in text
+
+
 def test_every_run_of_a_suite_is_on_the_page_and_the_page_is_current(root):
     found = read_evidence(root / "docs" / FOLDER)
     text, pictures = page(found)
