@@ -220,7 +220,7 @@ def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside, mo
 
 def test_what_a_suite_keeps_of_an_entry_is_published_with_the_rest_from_dvcs_cache(inside, tmp_path, monkeypatch):
     entry = tmp_path / "entry"
-    for name in ("params.yaml", "metrics.json", "dvc.lock", "iterations/1/dvc.lock"):
+    for name in ("params.yaml", "metrics.json", "dvc.lock", "iterations/1/dvc.lock", "logs/environment.json"):
         (entry / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(name, entry / name)
     shutil.copytree("results", entry / "results")
@@ -231,9 +231,9 @@ def test_what_a_suite_keeps_of_an_entry_is_published_with_the_rest_from_dvcs_cac
         own, other = (read_manifest(Path("published") / name).files for name in ("from-a-suite", "tiny"))
     finally:
         shutil.rmtree("published/from-a-suite")
-    assert {*other} - {*own} == {"logs/environment.json", "outputs.dvc"}
-    # The page and the card have no machine to speak of.
-    assert {name for name in own if own[name] != other[name]} == {"card.md", "report.html"}
+    assert {*other} - {*own} == {"outputs.dvc"}
+    # The other card says where its outputs can be pulled from.
+    assert {name for name in own if own[name] != other[name]} == {"card.md"}
 
 
 @pytest.mark.parametrize(
