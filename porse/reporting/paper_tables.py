@@ -10,9 +10,11 @@ from porse.reporting.evidence import Line as Row
 from porse.reporting.forms import mean_text
 
 AUTHORS = {"model": "a language model", "grammar": "the grammar", "files": "people", "nobody": "nobody"}
+"""Who writes a run's functions, in words."""
 
 Name = tuple[str, str]
 """A method and an ablation."""
+
 Published = Mapping[Name, paper.Value]
 """One task's values in a table of the paper."""
 
@@ -113,7 +115,7 @@ def _beside(name: Name, ours: Ours, published: Published) -> str:
 
 def _drop_beside(name: Name, ours: Ours, published: Published) -> str | None:
     """Returns by how much an ablation is behind PoRSE, ours and the paper's; None for PoRSE itself."""
-    if name == _PORSE or name not in published:
+    if name == _PORSE:
         return None
     own, full = ([float(row["mts"]) for row in ours.get(each, ())] for each in (name, _PORSE))
     measured = _drop(_mean(own), _mean(full)) if own and full else _NOT_RUN
