@@ -116,7 +116,7 @@ def show(name: str) -> None:
         click.echo(f"{page}: opened")
 
 
-FILM_S = 3.0
+FILM_S = 2.0
 """Of a published run where there is no display and no length is asked for: a film takes seconds to draw for one of its own."""
 
 
