@@ -65,7 +65,9 @@ def picture(task: Task, width: int, height: int) -> Pixels:
 
 
 @contextmanager
-def camera(task: Task, width: int, height: int, view_from: View | None = None) -> Iterator[Callable[[int], Pixels]]:
+def camera(
+    task: Task, width: int, height: int, view_from: View | None = None, shadows: int | None = None
+) -> Iterator[Callable[[int], Pixels]]:
     """Sets a camera up, once for many pictures, and gives what takes one of an environment as it is then.
 
     Args:
@@ -73,6 +75,7 @@ def camera(task: Task, width: int, height: int, view_from: View | None = None) -
         width: of a picture, in pixels.
         height: of a picture, in pixels.
         view_from: where the camera looks and stands, which then follows nothing; None for the task's own view.
+        shadows: the side of the shadow map, in texels; None for the scene's own.
     """
     model, data = first_simulation(task)
     view = mujoco.MjvCamera()
@@ -83,7 +86,7 @@ def camera(task: Task, width: int, height: int, view_from: View | None = None) -
     # The default frame buffer of a scene may be smaller than what is asked for.
     model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
     model.vis.global_.offheight = max(model.vis.global_.offheight, height)
-    with mujoco.Renderer(model, height, width) as renderer:
+    with _shadows(model, shadows), mujoco.Renderer(model, height, width) as renderer:
 
         def take(index: int) -> Pixels:
             simulation(task, index, data)
@@ -94,6 +97,17 @@ def camera(task: Task, width: int, height: int, view_from: View | None = None) -
             return renderer.render()
 
         yield take
+
+
+@contextmanager
+def _shadows(model: mujoco.MjModel, side: int | None) -> Iterator[None]:
+    """Has the renderers that are made meanwhile draw shadows of this size; others see no difference."""
+    own = model.vis.quality.shadowsize
+    model.vis.quality.shadowsize = own if side is None else side
+    try:
+        yield
+    finally:
+        model.vis.quality.shadowsize = own
 
 
 def follow(name: str, data: mujoco.MjData, view: mujoco.MjvCamera) -> None:

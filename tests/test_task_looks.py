@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from porse.picture import FOLLOWED, VIEWS, first_simulation, follow
+from porse.picture import FOLLOWED, VIEWS, _shadows, first_simulation, follow
 from porse.tasks import TASKS, looks, make_task
 
 NAMES = sorted(TASKS)
@@ -175,6 +175,16 @@ def test_the_camera_goes_with_what_moves_far(name, place, lookat, distance):
     follow(name, data, view)
     assert view.lookat.tolist() == pytest.approx(lookat)
     assert view.distance == pytest.approx(distance)
+
+
+def test_shadows_of_a_film_leave_those_of_pictures_as_they_are():
+    model, _ = first_simulation(make_task("Quadcopter", 1, 0))
+    own = model.vis.quality.shadowsize
+    with pytest.raises(KeyError), _shadows(model, 512):
+        assert model.vis.quality.shadowsize == 512
+        raise KeyError
+    with _shadows(model, None):
+        assert model.vis.quality.shadowsize == own == 4096
 
 
 def test_the_camera_of_a_table_stays():
