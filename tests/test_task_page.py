@@ -120,6 +120,23 @@ def test_a_chart_is_a_file_of_its_own_that_names_its_lines_and_runs_nothing():
     assert "script" not in shown
 
 
+def test_a_legend_has_room_for_every_name():
+    names = ["porse", "porse without-goal-reward", "eureka", "simhash", "roska", "human", "llmcount"]
+    root = ElementTree.fromstring(svg(Chart("", "", "", [Line(name, [(0.0, 0.0), (1.0, 1.0)]) for name in names])))
+    _, top, width, _ = map(float, root.get("viewBox").split())
+    found = [text for text in root.iter("{http://www.w3.org/2000/svg}text") if text.get("class") == "name"]
+    assert [text.text for text in found] == names
+    rows = {}
+    for text in found:
+        rows.setdefault(float(text.get("y")), []).append((float(text.get("x")), 6 * len(text.text)))
+    assert [len(row) for row in rows.values()] == [2, 2, 2, 1]
+    assert top < min(rows) - 10
+    assert max(rows) == 0.0
+    for row in rows.values():
+        ends = [*(x - 25 for x, _ in row[1:]), width]
+        assert all(x + long <= end for (x, long), end in zip(row, ends, strict=True))
+
+
 @pytest.mark.parametrize("name", ["tasks.md", "learned.md", *(f"{PAGES}/{name}.md" for name in NAMES)])
 def test_a_page_is_current(written, name):
     assert (DOCS / name).read_text(encoding="utf-8") == written[name], "run: python -m porse.report.task_pages docs"
