@@ -1,6 +1,7 @@
 """Our runs in the form of the paper's tables, its values beside them, as Markdown: pure functions over the rows of evidence."""
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from statistics import fmean
 
 from porse.report import paper
 from porse.report.answer import figure
@@ -63,9 +64,9 @@ def grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[tuple[str, ...], 
     return found
 
 
-def line_of(*texts: str) -> str:
-    """Returns a line of a table."""
-    return f"| {' | '.join(texts)} |"
+def table_of(names: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Returns a table with these columns and cells."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (names, ["---"] * len(names), *lines))
 
 
 def _published() -> dict[int, dict[str, dict[Name, paper.Value]]]:
@@ -95,8 +96,8 @@ def _table(
         return ""
     names = dict.fromkeys(name for *_, cells in rows for name in cells)
     shown = [name for name in names if any(cells.get(name) for *_, cells in rows)]
-    lines = [line_of(task, AUTHORS[author], *(cells.get(name) or "" for name in shown)) for task, author, cells in rows]
-    return _framed(["task", "functions by", *(method_label(*name) for name in shown)], lines)
+    lines = [[task, AUTHORS[author], *(cells.get(name) or "" for name in shown)] for task, author, cells in rows]
+    return table_of(["task", "functions by", *(method_label(*name) for name in shown)], lines)
 
 
 def _by_author(runs: Sequence[Row], names: Container[Name]) -> Iterator[tuple[str, Ours]]:
@@ -118,17 +119,13 @@ def _drop_beside(name: Name, ours: Ours, published: Published) -> str | None:
     if name == _PORSE:
         return None
     own, full = ([float(row["mts"]) for row in ours.get(each, ())] for each in (name, _PORSE))
-    measured = _drop(_mean(own), _mean(full)) if own and full else _NOT_RUN
+    measured = _drop(fmean(own), fmean(full)) if own and full else _NOT_RUN
     return f"{measured}; paper {_drop(published[name].mean, published[_PORSE].mean)}"
 
 
 def _drop(mts: float, full: float) -> str:
     """Returns what PoRSE's MTS loses, as a share of it: 0.6 instead of 0.8 is 25 %, and so is -1 instead of -0.8."""
     return f"{(full - mts) / abs(full):.1%}".replace("%", " %") if full else "undefined"
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
 
 
 def _weights(runs: Sequence[Row], winners: Sequence[Row]) -> str:
@@ -147,9 +144,5 @@ def _weights(runs: Sequence[Row], winners: Sequence[Row]) -> str:
             measured = mean_of(kind, at) if at else _NOT_RUN
             cells.append(measured if value is None else f"{measured}; paper {figure(value)}")
         if any((task, *step) in published for step in steps):
-            lines.append(line_of(task, AUTHORS[author], str(len(rows)), *cells))
-    return _framed(["task", "functions by", "runs", *(f"{n}: {kind}" for n, kind in steps)], lines) if lines else ""
-
-
-def _framed(names: Sequence[str], lines: Sequence[str]) -> str:
-    return "\n".join((line_of(*names), "| --- " * len(names) + "|", *lines))
+            lines.append([task, AUTHORS[author], str(len(rows)), *cells])
+    return table_of(["task", "functions by", "runs", *(f"{n}: {kind}" for n, kind in steps)], lines) if lines else ""

@@ -13,7 +13,7 @@ from porse.reporting.compare import label_of, line_over
 from porse.reporting.evidence import Evidence, read_evidence
 from porse.reporting.evidence import Line as Row
 from porse.reporting.forms import mean_text
-from porse.reporting.paper_tables import AUTHORS, grouped, line_of, mean_of, paper_tables, tables_without_a_task
+from porse.reporting.paper_tables import AUTHORS, grouped, mean_of, paper_tables, table_of, tables_without_a_task
 from porse.reporting.reliable import Estimate, interquartile_mean, probability_of_improvement
 
 PAGE, FOLDER = "compared.md", "results"
@@ -46,6 +46,8 @@ MTS, mean and deviation over the seeds. The paper's budget is 90 000 epochs a ru
 it; below zero, it is ahead. Table 18 has the beta and alpha of PoRSE's winners in the iterations in which mutants vary them; the
 paper counts iterations from 0.
 """
+
+_COLUMNS = ("method", "seeds", "MTS", "IQM", "better", "score", "final", "epochs", "valid", "paper's MTS")
 
 
 def page(found: Evidence) -> tuple[str, Mapping[str, str]]:
@@ -89,10 +91,7 @@ def _authors(rows: Sequence[Row]) -> str:
 
 
 def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
-    lines = [
-        "| method | seeds | MTS | IQM | better | score | final | epochs | valid | paper's MTS |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    lines = []
     for own in grouped(rows, ("method", "ablation", "variant")).values():
         first, mts = own[0], [float(row["mts"]) for row in own]
         published = None if first["variant"] else paper.find_mts(first["task"], first["method"], first["ablation"])
@@ -111,8 +110,8 @@ def _table(rows: Sequence[Row], baseline: Sequence[float]) -> str:
             f"{sum(int(row['valid_functions']) for row in own) / functions:.2f}" if functions else "",
             mean_text(published.mean, published.std) if published else "",
         ]
-        lines.append(line_of(*cells))
-    return "\n".join(lines)
+        lines.append(cells)
+    return table_of(_COLUMNS, lines)
 
 
 def _interval(found: Estimate) -> str:
