@@ -15,6 +15,7 @@ from porse.conversion import CONFIG, Fraction, NonNegative, Positive, Range, Som
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.methods import origins, overridden
+from porse.presets import FOLDER as PRESETS
 from porse.presets import filled, find_preset, given
 
 MOST_COUNTS = 2**24
@@ -327,6 +328,11 @@ def load_params(path: Path, root: Path = ROOT) -> Params:
         ParamsError: the file is missing, is no YAML mapping, or a parameter is missing, unknown or out of range.
     """
     return parse_params(load_document(path), str(path), root)
+
+
+def presets_root(folder: Path, root: Path = ROOT) -> Path:
+    """Returns where the presets of the run in `folder` are: a run that came with none has those of the project at `root`."""
+    return folder if (folder / PRESETS).is_dir() else root
 
 
 def load_document(path: Path) -> Any:

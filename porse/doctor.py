@@ -18,13 +18,14 @@ import click
 
 from porse import numerics
 from porse.config import Params, load_params
-from porse.errors import CacheError, PorseError
+from porse.errors import CacheError, ParamsError, PorseError
 from porse.llm.store import Store
 from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
 from porse.processes import memory_mib
 from porse.repro import has_source_control
 from porse.show import draws
+from porse.training.limits import WORKERS_VARIABLE, cpus, workers
 from porse.training.memory import check_memory
 
 State = Literal["ok", "warning", "problem"]
@@ -142,9 +143,9 @@ def python() -> Finding:
 
 def cpu(profile: numerics.Profile) -> Finding:
     """Returns whether the CPU has the instructions of a numeric profile, and what its results are worth elsewhere."""
-    machine, model = platform.machine(), numerics._cpu_model()
+    machine, model = platform.machine(), numerics.cpu_model()
     name = f"{model or 'unknown model'}, {machine}"
-    flags = numerics._cpu_flags()
+    flags = numerics.cpu_flags()
     lacking = sorted({"avx2", "fma"} - flags)
     if machine not in ("x86_64", "AMD64"):
         return Finding(
@@ -173,27 +174,27 @@ def cpu(profile: numerics.Profile) -> Finding:
 
 def cores_and_memory() -> Finding:
     """Returns whether memory is enough for as many trainings at once as there are cores, or as PORSE_WORKERS says."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    text = os.environ.get("PORSE_WORKERS", "")
-    workers = min(int(text), cores) if text.isdecimal() and int(text) else cores
     memory = memory_mib()
-    found = f"{cores} cores, {memory / 1024:.1f} GiB of memory; {workers} trainings at once"
-    if text and not (text.isdecimal() and int(text)):
+    there = f"{cpus()} cores, {memory / 1024:.1f} GiB of memory"
+    try:
+        at_once = workers()
+    except ParamsError as error:
         return Finding(
             "cores, memory",
             "problem",
-            f"{found}; PORSE_WORKERS is {text!r}",
-            "set it to a whole number from 1, or unset it",
+            f"{there}; {error}",
+            f"set {WORKERS_VARIABLE} to a whole number from 1, or unset it",
         )
+    found = f"{there}; {at_once} trainings at once"
     if memory < TRAINING_MIB:
         return Finding("cores, memory", "problem", found, f"take a machine with {TRAINING_MIB} MiB of memory at least")
-    if memory < workers * TRAINING_MIB:
+    if memory < at_once * TRAINING_MIB:
         fewer = max(1, memory // TRAINING_MIB)
         return Finding(
             "cores, memory",
             "warning",
             f"{found}, which need {TRAINING_MIB} MiB each",
-            f"set PORSE_WORKERS={fewer}: it changes no result",
+            f"set {WORKERS_VARIABLE}={fewer}: it changes no result",
         )
     return Finding("cores, memory", "ok", found)
 

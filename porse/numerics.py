@@ -51,7 +51,7 @@ def prepare() -> None:
 
     For a program that reads its parameters after it imported NumPy. `apply` tells whether it was called in time.
     """
-    if "numpy" not in sys.modules and _NEEDED["portable"] <= _cpu_flags():
+    if "numpy" not in sys.modules and _NEEDED["portable"] <= cpu_flags():
         os.environ.update(_BEFORE_NUMPY)
 
 
@@ -70,10 +70,10 @@ def apply(profile: Profile) -> None:
             needs instructions that this CPU does not have.
     """
     wanted = ENVIRONMENT[profile]
-    lacking = sorted(_NEEDED[profile] - _cpu_flags())
+    lacking = sorted(_NEEDED[profile] - cpu_flags())
     if lacking:
         raise ParamsError(
-            f"expected a CPU with {' and '.join(sorted(_NEEDED[profile]))} for numerics: {profile}, found one without {' and '.join(lacking)} ({_cpu_model()});"
+            f"expected a CPU with {' and '.join(sorted(_NEEDED[profile]))} for numerics: {profile}, found one without {' and '.join(lacking)} ({cpu_model()});"
             " it would end with an illegal instruction: take another machine, or set numerics: fast, which ends with other bits"
         )
     differ = [name for name, value in wanted.items() if os.environ.get(name) != value]
@@ -90,17 +90,17 @@ def manifest() -> dict[str, str]:
     """Returns what a result may depend on besides the parameters: versions, CPU, switches. Never tracked."""
     found = {f"package {name}": metadata.version(name) for name in _PACKAGES}
     switches = {name: os.environ.get(name, "") for name in ENVIRONMENT["portable"]}
-    machine = {"python": platform.python_version(), "machine": platform.machine(), "cpu": _cpu_model()}
+    machine = {"python": platform.python_version(), "machine": platform.machine(), "cpu": cpu_model()}
     return {**machine, **found, **switches}
 
 
-def _cpu_flags() -> set[str]:
+def cpu_flags() -> set[str]:
     """Returns the instructions of this CPU; all that may be needed where the system does not list them as x86 Linux does."""
     found = _cpu_lines("flags")
     return set(found[0].split()) if found else set.union(*_NEEDED.values())
 
 
-def _cpu_model() -> str:
+def cpu_model() -> str:
     """Returns the CPU's own name where the system tells it."""
     names = _cpu_lines("model name")
     return names[0] if names else platform.processor()

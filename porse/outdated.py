@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from porse.config import ROOT, leaves, load_document, resolve_document
+from porse.config import leaves, load_document, presets_root, resolve_document
 from porse.documents import parse_yaml, read_yaml
 from porse.errors import ParamsError, PorseError
 from porse.inputs.resolve import resolve_inputs
+from porse.pipeline import lock_files
 
 _SHOWN = 3
 """So many parameters that differ are named one by one."""
@@ -32,9 +33,7 @@ def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
         ParamsError: `params.yaml` or a lock cannot be read.
     """
     where = root / "params.yaml"
-    # What a suite kept of a run has no presets: they are the project's.
-    project = root if (root / "presets").is_dir() else ROOT
-    now = dict(leaves(resolve_document(load_document(where), str(where), project).document))
+    now = dict(leaves(resolve_document(load_document(where), str(where), presets_root(root)).document))
     found: dict[str, tuple[Any, Any]] = {}
     committed = functools.cache(lambda: _committed_inputs(root))
     for path, digest in sorted({*_inputs_of_run(root)}):
@@ -83,7 +82,7 @@ def _committed_inputs(root: Path) -> dict[str, bytes]:
 
 def _inputs_of_run(root: Path) -> Iterator[tuple[str, str]]:
     """Yields path and MD5 of the inputs of each stage that ran, but for the one that writes them."""
-    for path in (root / "dvc.lock", *(root / "iterations").glob("*/dvc.lock")):
+    for path in lock_files(root):
         if not path.is_file():
             continue
         document = read_yaml(path)

@@ -12,9 +12,15 @@ from porse.config import Params
 from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.prompts import render
-from porse.task_names import class_name, is_own
+from porse.task_names import is_own, own_place
 
 FOLDER = "iterations"
+
+
+def lock_files(root: Path) -> list[Path]:
+    """Returns the paths of a run's locks: that at its root, which need not be there, and those of its iterations in their order."""
+    inside = (root / FOLDER).glob("*/dvc.lock")
+    return [root / "dvc.lock", *sorted(inside, key=lambda path: (len(path.parent.name), path.parent.name))]
 
 
 def pipeline_files(root: Path, params: Params) -> dict[Path, str]:
@@ -80,13 +86,12 @@ def check_dependency(root: Path, task: str) -> None:
     """
     if not is_own(task):
         return
-    module = class_name(task).partition(":")[0]
-    folder = module.partition(".")[0] if "." in module else f"{module}.py"
+    place = own_place(task)
     stages: Any = read_yaml(root / "dvc.yaml")["stages"]
-    if folder not in stages["resolve"]["deps"]:
+    if place not in stages["resolve"]["deps"]:
         raise ParamsError(
-            f"expected the stage resolve in dvc.yaml to depend on {folder}, where task {task} is, found no such line "
-            f"among its deps; add `- {folder}` there, so that a change of the task is noticed"
+            f"expected the stage resolve in dvc.yaml to depend on {place}, where task {task} is, found no such line "
+            f"among its deps; add `- {place}` there, so that a change of the task is noticed"
         )
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from porse.documents import parse_yaml
 from porse.errors import ParamsError
-from porse.pipeline import FOLDER
+from porse.pipeline import lock_files
 
 _WAIT_S = 3.0
 """How long a DVC that is at work is waited for; it holds its lock while it writes, and not while a stage runs."""
@@ -104,8 +104,7 @@ def _keep_locks(root: Path, kept: Path) -> None:
 
 
 def _locks(root: Path) -> list[Path]:
-    found = [root / "dvc.lock", *sorted((root / FOLDER).glob("*/dvc.lock"))]
-    return [path for path in found if path.is_file()]
+    return [path for path in lock_files(root) if path.is_file()]
 
 
 def _committed(root: Path, name: Path) -> str | None:

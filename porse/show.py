@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from porse.config import ROOT, load_document, parse_params
+from porse.config import load_document, parse_params, presets_root
 from porse.errors import PorseError
 from porse.paths import check_target
 from porse.report.results import winners_policy
@@ -179,9 +179,9 @@ def play(
     if checkpoint:
         # The networks of a preset are those of the task that is shown, whatever the file's own task is.
         document = load_document(path)
-        # A run elsewhere may have come with its presets; one that did not has those of the project we are in.
-        root = path.parent if (path.parent / "presets").is_dir() else ROOT
-        params = parse_params({**document, "task": task} if isinstance(document, dict) else document, str(path), root)
+        params = parse_params(
+            {**document, "task": task} if isinstance(document, dict) else document, str(path), presets_root(path.parent)
+        )
         actor = policy_actor(
             shown, winners_policy(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train
         )

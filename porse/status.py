@@ -17,6 +17,7 @@ from porse.config import load_document, parse_params
 from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
+from porse.pipeline import lock_files
 from porse.plan import EVALUATE, Planned, planned
 from porse.repair import at_work
 
@@ -108,7 +109,7 @@ def status_text(found: Status) -> str:
 def _locks(root: Path) -> dict[str, Mapping[str, Any]]:
     """Returns what the locks say of each stage, by the name that `dvc repro` takes."""
     found: dict[str, Mapping[str, Any]] = {}
-    for path in (root / "dvc.lock", *(root / "iterations").glob("*/dvc.lock")):
+    for path in lock_files(root):
         if path.is_file():
             folder = "" if path.parent == root else f"{path.parent.relative_to(root).as_posix()}/dvc.yaml:"
             stages = (read_yaml(path) or {}).get("stages") or {}

@@ -83,6 +83,12 @@ def is_own(name: str) -> bool:
     return ":" in name
 
 
+def own_place(task: str) -> str:
+    """Returns the top-level folder or file of a task of one's own, below the project's root."""
+    module = class_name(task).partition(":")[0]
+    return module.partition(".")[0] if "." in module else f"{module}.py"
+
+
 def module_file(root: Path, module: str) -> Path:
     """Returns the file of a module, or of a package, whose dotted name is found from the folder `root`."""
     base = root.joinpath(*module.split("."))

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from pathlib import Path
 
 REWARD = """Closeness and an upright pose.
 ```python
@@ -39,14 +38,3 @@ def answer(request: dict) -> str:
     if len(messages) == 2 and request["sample"] == 0:
         return BROKEN
     return REWARD.format(temperature=round(0.5 + digest[0] / 64, 3), calm=round(digest[1] / 2560, 4))
-
-
-def answer_pending(root: Path) -> Path:
-    """Writes the answers to all open requests below `root` to a file, in the simple form, and returns it."""
-    lines = []
-    for path in sorted((root / ".porse" / "pending").glob("*.json")):
-        pending = json.loads(path.read_text())
-        lines.append(json.dumps({"custom_id": pending["key"], "text": answer(pending["request"])}))
-    target = root / "answers.jsonl"
-    target.write_text("\n".join(lines) + "\n")
-    return target

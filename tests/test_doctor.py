@@ -108,8 +108,13 @@ def test_memory_for_fewer_trainings_than_workers_is_a_warning(monkeypatch):
     assert doctor.cores_and_memory().state == "ok"
     monkeypatch.setattr(doctor, "memory_mib", lambda: 599)
     assert doctor.cores_and_memory().state == "problem"
+    # More trainings than cores are started all the same: 12 of 600 MiB take 7200.
+    monkeypatch.setattr(doctor, "memory_mib", lambda: 7199)
+    monkeypatch.setenv("PORSE_WORKERS", "12")
+    assert "12 trainings at once" in doctor.cores_and_memory().found
+    assert doctor.cores_and_memory().state == "warning"
     monkeypatch.setenv("PORSE_WORKERS", "many")
-    assert "PORSE_WORKERS is 'many'" in doctor.cores_and_memory().found
+    assert "expected PORSE_WORKERS to be a whole number" in doctor.cores_and_memory().found
 
 
 def test_without_git_on_the_path_that_is_a_problem(tmp_path, monkeypatch):

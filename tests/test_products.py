@@ -102,7 +102,7 @@ def test_a_program_may_read_its_parameters_after_numpy_if_it_prepares(monkeypatc
     assert done[0].stdout == "portable\n"
     assert done[1].returncode
     assert "before numpy is loaded" in done[1].stderr
-    monkeypatch.setattr(numerics, "_cpu_flags", lambda: {"avx"})
+    monkeypatch.setattr(numerics, "cpu_flags", lambda: {"avx"})
     monkeypatch.delitem(sys.modules, "numpy")
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Sandybridge")
     numerics.prepare()

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from porse.errors import TaskError
-from porse.sim.drag import implicit_rate, kept_share
+from porse.sim.drag import kept_share
 from porse.sim.drives import Drive
 from porse.sim.physics import CpuPhysics
 
@@ -147,7 +147,7 @@ def test_several_bounded_steps_are_so_many_single_ones(physics: CpuPhysics) -> N
 def test_the_same_drag_as_an_implicit_damping() -> None:
     """c = 100 at 1/120 s is c' = 600 there: (1 - 100/120) (v + F dt / m) = (v + F dt / m) / (1 + 600/120)."""
     dt = 1 / 120
-    assert implicit_rate(100.0, dt) == pytest.approx(600.0)
+    assert 100.0 / kept_share(100.0, dt) == pytest.approx(600.0)
     damped = BALL.replace('<freejoint name="ball"/>', f'<joint type="slide" axis="1 0 0" damping="{600.0 * 2}"/>')
     model = mujoco.MjModel.from_xml_string(damped.replace('timestep="0.01"', f'timestep="{dt}" gravity="0 0 0"'))
     data = mujoco.MjData(model)

@@ -176,3 +176,10 @@ def test_suite_commands_work_below_the_project(sweep, monkeypatch):
 def test_a_suites_trends_are_those_of_its_finished_entries(sweep):
     said = CliRunner().invoke(main, ["suite", "trends", "sweep.yaml"], catch_exceptions=False).output
     assert said.splitlines()[2:] == ["| Quadcopter | porse | none | high | 1 | 1.800 |"]
+
+
+def test_a_run_elsewhere_is_read_with_its_own_presets(tmp_path, monkeypatch):
+    finished(tmp_path / "run", [(0.7, 0.4)])
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert read_finished(tmp_path / "run").params.train.num_envs > 0

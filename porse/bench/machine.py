@@ -5,6 +5,7 @@ from importlib import metadata
 from typing import Any
 
 from porse import numerics
+from porse.training.limits import cpus
 
 _PEERS = ("gymnasium", "envpool")
 
@@ -19,12 +20,7 @@ def machine() -> dict[str, Any]:
     """
     found = {name: value for name, value in numerics.manifest().items() if not name.isupper()}
     peers = {f"package {name}": _version(name) for name in _PEERS}
-    return {**found, "cores": cores(), "load average": round(os.getloadavg()[0], 2), **peers}
-
-
-def cores() -> int:
-    """Returns how many CPUs this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return {**found, "cores": cpus(), "load average": round(os.getloadavg()[0], 2), **peers}
 
 
 def plain_environment() -> dict[str, str]:

@@ -14,7 +14,7 @@ from porse.config import Params
 from porse.documents import parse_yaml, read_yaml
 from porse.errors import ParamsError
 from porse.pipeline import FOLDER as ITERATIONS
-from porse.pipeline import pipeline_files
+from porse.pipeline import lock_files, pipeline_files
 from porse.published.manifest import refused
 
 RESOLVE, INPUTS = "resolve", "inputs"
@@ -22,7 +22,6 @@ RESOLVE, INPUTS = "resolve", "inputs"
 
 _MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
 _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,199}")
-_CHUNK = 2**20
 
 
 @dataclass(frozen=True)
@@ -78,12 +77,6 @@ def read_locks(folder: Path) -> list[Stage]:
         return _ordered(found)
     except CycleError:
         raise refused(str(folder / "dvc.lock"), "stages of which none waits for itself", "a circle") from None
-
-
-def lock_files(folder: Path) -> list[Path]:
-    """Returns the paths of a run's locks: that at its root, and those of its iterations in their order."""
-    inside = (folder / ITERATIONS).glob("*/dvc.lock")
-    return [folder / "dvc.lock", *sorted(inside, key=lambda path: (len(path.parent.name), path.parent.name))]
 
 
 def check_pipeline_of(stages: Sequence[Stage], params: Params, root: Path, where: Path) -> None:
@@ -222,8 +215,5 @@ def _ordered(stages: Sequence[Stage]) -> list[Stage]:
 
 
 def _md5(path: Path) -> str:
-    found = hashlib.md5(usedforsecurity=False)
     with path.open("rb") as file:
-        while block := file.read(_CHUNK):
-            found.update(block)
-    return found.hexdigest()
+        return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from porse import __version__, tables
-from porse.config import Params, leaves, load_document, load_params, resolve_document
+from porse.config import Params, leaves, load_document, load_params, presets_root, resolve_document
 from porse.documents import render_yaml
 from porse.errors import CacheError, PorseError
 from porse.generation.answers import FILES
@@ -17,8 +17,8 @@ from porse.inputs.files import changed_files
 from porse.inputs.resolve import Inputs
 from porse.llm.record import Record
 from porse.llm.store import REFRESHED, Store
+from porse.pipeline import lock_files
 from porse.pool import BEST, policy_file
-from porse.presets import FOLDER as PRESETS
 from porse.presets import SIZES, preset_file
 from porse.presets.own import sizes_of
 from porse.presets.rules import values_by_rule
@@ -26,7 +26,7 @@ from porse.published.card import card
 from porse.published.check import REPLIES, check_content
 from porse.published.fetch import is_name
 from porse.published.inputs import parse_inputs
-from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, is_output, lock_files, put, read_locks
+from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, is_output, put, read_locks
 from porse.published.manifest import FOLDER, MANIFEST, MOST_GIT_BYTES, OUTPUTS, OUTPUTS_FILE, make_manifest
 from porse.report.answer import Fact
 from porse.report.page import no_film, page_of, render
@@ -82,7 +82,7 @@ class Source:
     @property
     def presets(self) -> Path:
         """Where the preset lies that its parameters are laid over."""
-        return _presets(self.folder, self.root)
+        return presets_root(self.folder, self.root)
 
     @cached_property
     def inputs(self) -> dict[str, tuple[bytes, Inputs]]:
@@ -178,13 +178,9 @@ def _source(run: Path, root: Path) -> Source:
             f"expected a finished run in {run}, found no dvc.lock and metrics.json of one; run `porse repro` there, or name the "
             "folder .porse/suites/SUITE/results/ENTRY of an entry that is done"
         )
-    params = load_params(run / "params.yaml", _presets(run, root))
+    params = load_params(run / "params.yaml", presets_root(run, root))
     folders = [(run, str(run)), (run / OUTPUTS, str(run / OUTPUTS))]
     return Source(run, root, params, read_locks(run), Shelf(folders, dvc_cache(root)))
-
-
-def _presets(run: Path, root: Path) -> Path:
-    return run if (run / PRESETS).is_dir() else root
 
 
 def _check_unchanged(source: Source) -> None:

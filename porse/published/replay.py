@@ -25,7 +25,7 @@ from porse.published.inputs import Changes
 from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, overlaps, put, read_locks
 from porse.suite.clone import DVC, copy_files, new_repository
 from porse.suite.resolve import tracked_files
-from porse.task_names import class_name, is_own
+from porse.task_names import is_own, own_place
 from porse.warm.start import warm_server
 
 _SHOWN = 40
@@ -199,8 +199,7 @@ def _add_task(folder: Path, scratch: Path, task: str) -> None:
         target = scratch / path.relative_to(folder / "code")
         if path.is_file() and not target.exists():
             put(path, target)
-    module = class_name(task).partition(":")[0]
-    place = module.partition(".")[0] if "." in module else f"{module}.py"
+    place = own_place(task)
     if place not in read_yaml(scratch / "dvc.yaml")["stages"][RESOLVE]["deps"]:
         text = (scratch / "dvc.yaml").read_text(encoding="utf-8")
         (scratch / "dvc.yaml").write_text(_OWN_DEP.sub(rf"\g<0>\n\1- {place}", text, count=1), encoding="utf-8")

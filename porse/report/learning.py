@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from porse import tables
-from porse.config import load_params
+from porse.config import load_params, presets_root
 from porse.report.calibration import first_episodes, random_actions, zero_actions
 from porse.report.paper import find_mts
 from porse.tables import Row
@@ -105,7 +105,7 @@ def learned(result: Path) -> Learned:
     episodes = tables.read(result / "results" / "episodes.parquet", tables.EPISODES)
     fitness, rewards, lengths = _series(result)
     return Learned(
-        task=load_params(result / "params.yaml").task,
+        task=load_params(result / "params.yaml", presets_root(result)).task,
         steps=sum(row["environment_steps"] for row in iterations),
         start=fmean(fitness[:EPOCHS]),
         end=fmean(fitness[-EPOCHS:]),
@@ -124,7 +124,7 @@ def learning_curve(result: Path, steps: int) -> list[Row]:
         result: a folder with the run's `params.yaml` and `results/`.
         steps: environment steps of the whole training; a point stands at the end of its stretch.
     """
-    params = load_params(result / "params.yaml")
+    params = load_params(result / "params.yaml", presets_root(result))
     fitness, rewards, lengths = _series(result)
     ends = [number * len(fitness) // STRETCHES for number in range(STRETCHES + 1)]
     return [

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from porse import tables
-from porse.config import ROOT, Params, load_params
+from porse.config import Params, load_params, presets_root
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 from porse.report.agreement import check_agreement
@@ -79,8 +79,7 @@ def read_figures(folder: Path) -> dict[str, Any]:
 
 def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Evaluation]:
     """Returns parameters, rows of iterations, of candidates and of incumbents, and the evaluation."""
-    # A run elsewhere may have come with its presets; one that did not has those of the project we are in.
-    params = load_params(folder / "params.yaml", folder if (folder / "presets").is_dir() else ROOT)
+    params = load_params(folder / "params.yaml", presets_root(folder))
     iterations, candidates = _rows(folder, tables.ITERATIONS), _rows(folder, tables.CANDIDATES)
     if not iterations:
         raise PorseError(

@@ -11,7 +11,7 @@ import click
 import numpy as np
 import torch
 
-from porse.config import Params, load_params
+from porse.config import Params, load_params, presets_root
 from porse.picture import Pixels, camera, write_png
 from porse.report.results import winners_policy
 from porse.tasks import TASKS, make_task
@@ -67,7 +67,7 @@ def main(results: Path, target: Path) -> None:
     target.mkdir(parents=True, exist_ok=True)
     found: dict[str, tuple[Params, Path]] = {}
     for done in sorted(results.glob("*/done.json")):
-        params = load_params(done.parent / "params.yaml")
+        params = load_params(done.parent / "params.yaml", presets_root(done.parent))
         if params.task not in found or params.seed < found[params.task][0].seed:
             found[params.task] = params, done.parent
     for task in filter(found.__contains__, TASKS):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from porse import tables
-from porse.config import Params, load_params
+from porse.config import Params, load_params, presets_root
 from porse.report.agreement import check_epochs
 from porse.search.schedule import DRAW, is_searched, mutants, varied
 from porse.tables import Row
@@ -41,7 +41,7 @@ def read_finished(folder: Path, variant: str = "") -> Finished:
         TableError: a table is missing or is not as declared, or the two do not agree.
     """
     results = folder / "results"
-    params = load_params(folder / "params.yaml")
+    params = load_params(folder / "params.yaml", presets_root(folder))
     iterations = tables.read(results / "iterations.parquet", tables.ITERATIONS)
     curves = tables.read(results / "curves.parquet", tables.CURVES)
     check_epochs(iterations, curves, str(results))

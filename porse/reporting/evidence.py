@@ -17,7 +17,7 @@ from pathlib import Path
 import click
 
 from porse import tables
-from porse.config import ROOT, load_params
+from porse.config import ROOT, load_params, presets_root
 from porse.errors import PorseError
 from porse.report.answer import author_of
 from porse.report.results import read_figures
@@ -84,7 +84,13 @@ def evidence_of(suite: str, entry: Entry, folder: Path) -> Evidence:
     what = {name: str(getattr(entry, name)) for name in ("task", "method", "ablation", "variant", "seed")}
     measured = {name: _text(figures[name]) for name in RUN_COLUMNS if name in figures}
     curves = hashlib.sha256((folder / "results" / "curves.parquet").read_bytes()).hexdigest()
-    run = {**named, **what, "author": author_of(load_params(folder / "params.yaml")), **measured, "curves": curves[:16]}
+    run = {
+        **named,
+        **what,
+        "author": author_of(load_params(folder / "params.yaml", presets_root(folder))),
+        **measured,
+        "curves": curves[:16],
+    }
     iterations = tables.read(folder / "results" / "iterations.parquet", tables.ITERATIONS)
     winners = [named | {name: _text(row[name]) for name in WINNER_COLUMNS[2:]} for row in iterations]
     return Evidence([run], winners)

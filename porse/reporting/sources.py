@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from porse.config import ROOT, load_params
+from porse.config import ROOT, load_params, presets_root
 from porse.errors import PorseError
 from porse.report.results import read_figures
 from porse.suite.folders import folders_of
@@ -80,7 +80,7 @@ def _suite(path: Path) -> tuple[list[Done], str]:
 
 
 def _run(folder: Path) -> Done:
-    params = load_params(folder / "params.yaml", folder if (folder / "presets").is_dir() else ROOT)
+    params = load_params(folder / "params.yaml", presets_root(folder))
     entry = Entry(params.task, params.method, params.ablation, "", params.seed, {})
     return Done(Status(entry, "done", read_figures(folder), None), folder)
 

@@ -25,8 +25,3 @@ def kept_share(damping: float, dt: float) -> float:
             f"and would keep {share:g} in one of {dt:g} s. Take a shorter step or a lower damping."
         )
     return share
-
-
-def implicit_rate(damping: float, dt: float) -> float:
-    """Returns the damping (1/s) of an implicit step of `dt` (s) that slows a link as much: c / (1 - c dt)."""
-    return damping / kept_share(damping, dt)

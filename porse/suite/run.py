@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from porse.paths import python_of_stages
-from porse.pipeline import FOLDER as ITERATIONS
+from porse.pipeline import lock_files
 from porse.processes import die_with_parent
 from porse.repair import repair
 from porse.stage import LOGS
@@ -146,8 +146,8 @@ def _run_entry(
         last = [line.rstrip() for line in lines if line.strip()][-_KEPT_LINES:]
         write_json(result / "failed.json", {**resolved.ids, "exit_code": code, "last_lines": last})
         return False
-    locks = [path.relative_to(clone.work) for path in clone.work.glob(f"{ITERATIONS}/*/dvc.lock")]
-    for kept in (Path("metrics.json"), Path("params.yaml"), Path("dvc.lock"), *locks):
+    locks = [path.relative_to(clone.work) for path in lock_files(clone.work)]
+    for kept in (Path("metrics.json"), Path("params.yaml"), *locks):
         (result / kept).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(clone.work / kept, result / kept)
     shutil.copytree(clone.work / "results", result / "results")

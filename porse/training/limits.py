@@ -40,7 +40,7 @@ def limits_from_environment() -> Limits:
     """
     count = workers()
     # Where the user keeps CPUs free for something else, they stay free.
-    crowd = 2 * count - 1 if count == _cpus() else count
+    crowd = 2 * count - 1 if count == cpus() else count
     return Limits(
         workers=count,
         crowd=crowd,
@@ -55,7 +55,7 @@ def workers() -> int:
     Raises:
         ParamsError: PORSE_WORKERS is no positive whole number.
     """
-    return _number(WORKERS_VARIABLE, _cpus())
+    return _number(WORKERS_VARIABLE, cpus())
 
 
 def checkpoint_s() -> int:
@@ -67,7 +67,8 @@ def checkpoint_s() -> int:
     return _number(CHECKPOINT_VARIABLE, _CHECKPOINT_S)
 
 
-def _cpus() -> int:
+def cpus() -> int:
+    """Returns how many CPUs this process may use."""
     # macOS does not say which CPUs a process may use.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -66,15 +66,6 @@ _FOREARM_SOLREF = (0.0167, 1.0)
 _MOUNT_QUATERNION = (0.0, 0.0, -math.sqrt(0.5), math.sqrt(0.5))
 """The model's own rotation of the mount, Rx(pi/2) Rz(pi), as w, x, y, z."""
 
-_TEMPLATE = """
-<mujoco>
-  <compiler angle="radian" meshdir="{assets}/stls/hand" texturedir="{assets}/textures"/>
-  <include file="{assets}/hand/shared.xml"/>
-  <asset><include file="{assets}/hand/shared_asset.xml"/></asset>
-  <worldbody><include file="{assets}/hand/robot.xml"/></worldbody>
-</mujoco>
-"""
-
 
 @dataclass(frozen=True)
 class BasePose:
