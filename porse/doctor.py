@@ -19,6 +19,7 @@ import click
 from porse import numerics
 from porse.config import Params, load_params
 from porse.errors import CacheError, ParamsError, PorseError
+from porse.functions.read.confine import filters_calls
 from porse.llm.store import Store
 from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
@@ -107,6 +108,7 @@ def _machine(root: Path) -> Iterator[Finding]:
     yield python()
     yield cpu(params.numerics if params else "portable")
     yield cores_and_memory()
+    yield confinement()
     yield packages(root / "requirements.lock")
     yield git()
     yield renderer()
@@ -170,6 +172,19 @@ def cpu(profile: numerics.Profile) -> Finding:
             "nothing, if runs are compared on this machine alone; else set numerics: portable on a CPU with AVX2",
         )
     return Finding("CPU", "ok", f"{name}: has AVX2 and FMA; numerics: portable gives the bits that the locks name")
+
+
+def confinement() -> Finding:
+    """Returns whether functions that a model wrote are tried without system calls that reach files or other processes."""
+    if filters_calls():
+        return Finding("confinement", "ok", "system calls of generated functions are filtered")
+    return Finding(
+        "confinement",
+        "warning",
+        "this system cannot filter the system calls of generated functions: only the static check and limits of resources stand "
+        "before your files",
+        "try functions and runs of strangers in a container or a virtual machine, or on Linux on x86-64 or ARM64",
+    )
 
 
 def cores_and_memory() -> Finding:

@@ -18,6 +18,16 @@ A failed *candidate* is never an exception: it is a row with a reason. An except
 text says what was expected, what was found, where, and what to do next, in one paragraph.
 """
 
+import re
+
+_PATH = re.compile(r"(?:/[^\s/:'\"<>,;()]+)+/([^\s/:'\"<>,;()]+)")
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}\b")
+
+
+def without_places(text: str) -> str:
+    """Returns what an error says without the folders of paths and without addresses, so that two machines say the same."""
+    return _ADDRESS.sub("0x...", _PATH.sub(r"\1", text))
+
 
 class PorseError(Exception):
     """Base of every error that the project raises on purpose."""

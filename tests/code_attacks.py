@@ -206,6 +206,34 @@ TRACER_ATTACKS: dict[str, str] = {
     "no_dispatch": _body("y = torch._C._DisableTorchDispatch()"),
     # Generators, frames, exceptions.
     "generator_frame": _body("g = (i for i in range(3))", "y = g.gi_frame.f_back.f_builtins"),
+    # A name of the source's own is an attribute of self alone, whatever else has one of that name.
+    "frames_by_own_names": "def gi_frame():\n    return 0\n\ndef f_back():\n    return 0\n\ndef f_builtins():\n    return 0\n\n"
+    + _body(
+        "box = [0]",
+        "g = (box[0].gi_frame.f_back for i in range(1))",
+        "box[0] = g",
+        "list(g)[0].f_back.f_builtins['open']('CANARY', 'w')",
+    ),
+    "frames_by_own_constants": "gi_frame = 0\nf_back = 0\nf_builtins = 0\n"
+    + _body("g = (i for i in range(3))", "y = g.gi_frame.f_back.f_builtins"),
+    "a_self_that_is_none": "def gi_frame():\n    return 0\n\n"
+    + _body("def look(self):\n    return self.gi_frame", "y = look(i for i in range(3))"),
+    "a_module_that_is_none": "def gi_frame():\n    return 0\n\n" + _body("F = (i for i in range(3))", "y = F.gi_frame"),
+    "typing_that_is_none": "from torch import jit\n\ndef gi_frame():\n    return 0\n\n"
+    + _body("jit = (i for i in range(3))", "y = jit.gi_frame"),
+    "list_of_a_tensor_by_own_name": "def tolist():\n    return 0\n\n" + _body("x = x * a.tolist()[0][0]"),
+    "format_joined": _body('f = "{0._" + "_globals_" + "_}"', "y = {}[f.format(dist)]"),
+    "format_index": _body('y = "{0[0]}".format([open])'),
+    "format_joined_length": _body('f = "{0._" + "_globals_" + "_}"', "x = x * len(f.format(dist))"),
+    # Where objects lie in memory.
+    "address_by_str": _body("x = x * (int(str(torch.add)[-8:-1], 16) / 1e9)"),
+    "address_by_mapped_str": _body("x = x * len([*map(str, [torch.add])][0])"),
+    "address_by_f_string": _body('x = x * len(f"{torch.exp}")'),
+    "address_by_percent": _body('x = x * len("%s" % torch.exp)'),
+    "address_by_percent_in_place": _body('y = "%s"', "y %= torch.exp", "x = x * len(y)"),
+    "address_by_format": _body('x = x * len("{}".format(torch.exp))'),
+    "address_in_a_list": _body('x = x * len(f"{[dist]}")'),
+    "address_of_an_iterator": _body('x = x * len(f"{zip([1], [2])}")'),
     "generator_function": _body("def g():\n    yield open", "y = [f for f in g()]"),
     "coroutine": _body("async def g():\n    return open", "y = g().cr_frame"),
     "exception_with_its_own_text": _body(
@@ -244,6 +272,11 @@ TRACER_ATTACKS: dict[str, str] = {
     "text_of_a_tensor": _body("x = x * len(f'{a}')"),
     "rows_by_a_mask": _body("y = a[a[:, 0] > 0]", "x = x + (y[:, :1] * y[:, 0]).sum()"),
     "whole_numbers_that_trap": _body("i = (x * 0).long() - 2**30", "x = x + i // ((x * 0).long() - 1)"),
+    "whole_numbers_that_trap_later": _body(
+        "y = (x * 0 - 1e30).long()",
+        "x = x + torch.div(y, num_envs - 129, rounding_mode='trunc').float()",
+    ).replace("(a, b)", "(a, b, num_envs)"),
+    "sizes_by_data": _body("k = (x > 5).sum() + 1", "x = x + torch.tensor_split(x, k)[0].sum()"),
     "whole_numbers_by_zero": _body("x = x + (x * 9).long() % (x * 0).long()"),
 }
 """Attacks on the trace: on Python in the confined process, on what is written down, and on what it does when it is run."""

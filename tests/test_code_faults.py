@@ -6,7 +6,7 @@ import time
 import pytest
 import torch
 
-from code_cases import VARIABLES, compile_mapping, compile_reward, reward, values
+from code_cases import VARIABLES, RewardFunction, compile_mapping, compile_reward, reward, traced, values
 from porse.functions.read.confine import Limits
 from porse.functions.read.extract import extract
 from porse.functions.read.sandbox import Sandbox
@@ -208,3 +208,45 @@ def test_a_mapping_reads_rows_of_lists():
     source = "def mapping_function(self):\n    rows = [(self.a[:, i], i == 0, f'a_{i}') for i in range(3)]\n    return tuple(zip(*rows))\n"
     function = compile_mapping(source, VARIABLES, False)
     assert (function.names, function.rises) == (("a_0", "a_1", "a_2"), (True, False, False))
+
+
+def test_the_order_of_a_set_is_that_of_its_source(sandbox):
+    """0.3 (0.3 (0.3 * 0 + 7) + 5) + 2: another order is another number; what a set holds twice, it holds once."""
+    body = reward("y = 0.0 * a[:, 0]", "for v in {W, V, U, W}:\n    y = y * 0.3 + v", result='y, {"y": y}')
+    reply = f"W = torch.tensor([7.0])\nV = torch.tensor([5.0])\nU = torch.tensor([2.0])\n\n{body}"
+    verdict, _ = sandbox.judge(reply, "reward")
+    assert verdict.passed, verdict
+    total, _ = RewardFunction(verdict.program, True)(values())
+    assert total.tolist() == pytest.approx([0.3 * (0.3 * 7.0 + 5.0) + 2.0] * 16)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("y = {'near': 1.0}[torch.exp]", "KeyError of builtin_function_or_method"),
+        ("y = {'near': 1.0}[x]", "KeyError of one tensor"),
+        ("y = {'near': 1.0}['far']", "'far'"),
+        ("y = [1.0][3]", "list index out of range"),
+    ],
+)
+def test_an_error_says_the_same_in_every_process(sandbox, line, said):
+    found = sandbox.judge(reward("x = a[:, 0]", line), "reward")[0]
+    assert (found.check, found.line, found.message) == ("run", 3, f"Python says: {said}")
+
+
+def test_an_error_may_be_raised_with_a_text(sandbox):
+    guard = "if a.shape[1] != {0}:\n    raise ValueError('expected {0} columns')"
+    assert sandbox.judge(reward("x = a[:, 0]", guard.format(3)), "reward")[0].passed
+    found = sandbox.judge(reward("x = a[:, 0]", guard.format(2)), "reward")[0]
+    assert (found.check, found.message) == ("run", "Python says: expected 2 columns")
+
+
+def test_texts_are_filled_with_values():
+    source = reward(
+        "x = a[:, 0]",
+        "k = '{}_{:.1f}'.format('near', 0.25)",
+        "m = 'at_%d' % 3",
+        "s = str(2) + f'{1.5:g}'",
+        result="x, {k: x, m: x, s: x}",
+    )
+    assert traced(source, "reward", VARIABLES).names == ("near_0_2", "at_3", "21_5")

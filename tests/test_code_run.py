@@ -150,6 +150,32 @@ HOSTILE = {
             ("div.Tensor_mode", [{"r": 2}, {"r": 2}], {"rounding_mode": "floor"}, 1),
         )
     ),
+    "whole numbers that trap with 128 environments": canonical_json(
+        step(
+            ("to.dtype", [{"r": 0}, {"t": "int64"}], {}, 1),
+            ("div.Scalar_mode", [{"r": 2}, {"n": [1, -129]}], {"rounding_mode": "trunc"}, 1),
+            ("to.dtype", [{"r": 3}, {"t": "float32"}], {}, 1),
+        )
+    ),
+    "huge by pairs in a row": canonical_json(
+        step(
+            ("select.int", [{"r": 0}, 1, 0], {}, 1),
+            ("outer.default", [{"r": 2}, {"r": 2}], {}, 1),
+            ("flatten.using_ints", [{"r": 3}, 0, -1], {}, 1),
+            ("sum.default", [{"r": 4}], {}, 1),
+            ("add.Tensor", [{"r": 2}, {"r": 5}], {}, 1),
+        )
+    ),
+    "parts of data": canonical_json(
+        step(
+            ("select.int", [{"r": 0}, 1, 0], {}, 1),
+            ("gt.Scalar", [{"r": 2}, 5.0], {}, 1),
+            ("sum.default", [{"r": 3}], {}, 1),
+            ("add.Tensor", [{"r": 4}, 1], {}, 1),
+            ("tensor_split.tensor_indices_or_sections", [{"r": 2}, {"r": 5}], {}, 1),
+        )
+    ),
+    "a share without bounds": canonical_json(step(("mul.Tensor", [{"r": 0}, {"share": 10**400}], {}, 1))),
     "a register to come": canonical_json(step(("mul.Tensor", [{"r": 0}, {"r": 9}], {}, 1))),
     "a register below": canonical_json(step(("mul.Tensor", [{"r": 0}, {"r": -1}], {}, 1))),
     "results of another number": canonical_json(step(("unbind.int", [{"r": 0}, 1], {}, 2))),

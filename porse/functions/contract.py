@@ -41,6 +41,9 @@ BUILTINS = words(
     "str sum tuple zip"
 )
 
+ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
+"""What may be raised, with a text."""
+
 TORCH_CONSTANTS = words(
     "pi e inf nan float float32 float64 double int int32 int64 long bool uint8 half float16 Tensor FloatTensor"
 )

@@ -1,10 +1,8 @@
 """Why a training failed, in words that two machines write alike: no path, no address, not too long."""
 
-import re
+from porse.errors import without_places
 
 _LONGEST = 400
-_PATH = re.compile(r"(?:/[^\s/:'\"<>,;()]+)+/([^\s/:'\"<>,;()]+)")
-_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}\b")
 _SIGNS_OF_LACK = (
     "can't allocate memory",
     "not enough memory",
@@ -33,6 +31,5 @@ def last_words(printed: str) -> str:
 
 def plain(text: str) -> str:
     """Returns a text on one line, cut to a length, without the folders of paths and without addresses."""
-    line = " ".join(text.split())
-    line = _ADDRESS.sub("0x...", _PATH.sub(r"\1", line))
+    line = without_places(" ".join(text.split()))
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..."

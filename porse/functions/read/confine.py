@@ -20,7 +20,7 @@ from porse.processes import die_with_parent
 
 # Numbers of the kernel's, from its headers.
 _CLONE_NEWNET, _CLONE_NEWUSER = 0x40000000, 0x10000000
-_PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS, _SECCOMP_MODE_FILTER = 22, 38, 2
+_PR_GET_SECCOMP, _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS, _SECCOMP_MODE_FILTER = 21, 22, 38, 2
 _AUDIT = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 # read, write, close, fstat, lseek, mmap, mprotect, munmap, brk, rt_sigaction, rt_sigprocmask, rt_sigreturn,
 # sched_yield, mremap, madvise, getpid, exit, gettid, futex, clock_gettime, clock_nanosleep, exit_group, getrandom,
@@ -37,13 +37,14 @@ class Limits:
     """Limits of the probe of one function; they decide verdicts, never results.
 
     Attributes:
-        wall_s: seconds of wall-clock time for compiling and probing one function, then it is killed.
+        wall_s: seconds of wall-clock time for compiling and probing one function, then it is killed. A function cannot wait,
+            so processor time is what decides, however busy the machine is.
         cpu_s: seconds of processor time for the same.
         memory_mib: address space that one function may take beyond what the probe holds, in MiB.
         startup_s: seconds of wall-clock time for starting the child process, which loads torch.
     """
 
-    wall_s: float = 10.0
+    wall_s: float = 120.0
     cpu_s: int = 8
     memory_mib: int = 1024
     startup_s: float = 120.0
@@ -65,6 +66,12 @@ def seal() -> None:
     libc = _libc()
     if libc is not None and libc.unshare(_CLONE_NEWNET) != 0:
         libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
+
+
+def filters_calls() -> bool:
+    """Returns whether this system can filter the system calls of a process, as `confine` then does."""
+    libc = _libc()
+    return libc is not None and _filter() is not None and libc.prctl(_PR_GET_SECCOMP, 0, 0, 0, 0) >= 0
 
 
 def confine(limits: Limits, keep: int) -> Literal["filtered", "limited"]:

@@ -218,4 +218,6 @@ def _is_constant(value: ast.expr, known: Container[str]) -> bool:
 def _is_class(value: ast.expr) -> bool:
     """Whether a value is a class, by its capital letter, or made of one without arguments."""
     made = value.func if isinstance(value, ast.Call) and not value.args and not value.keywords else value
-    return isinstance(made, ast.Name) and made.id[:1].isupper() and not made.id.isupper()
+    if not isinstance(made, ast.Name) or made.id in contract.ERRORS:
+        return False
+    return made.id[:1].isupper() and not made.id.isupper()

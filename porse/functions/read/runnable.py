@@ -10,10 +10,12 @@ import ast
 import builtins
 import math
 import operator
+import string
 import sys
 import warnings
-from collections.abc import Callable, Mapping
-from types import CodeType, MethodType, SimpleNamespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableSet, Sequence, Set, ValuesView
+from functools import partial
+from types import CodeType, MethodType, NoneType, SimpleNamespace
 from typing import Any
 
 import torch
@@ -21,11 +23,8 @@ from torch.overrides import TorchFunctionMode
 
 from porse.functions import contract
 from porse.functions.read.source import Source, arguments, takes_self
-from porse.functions.verdict import CodeError, words
+from porse.functions.verdict import CodeError
 from porse.helpers import HELPERS_IN_SCOPE
-
-ERRORS = words("Exception ArithmeticError AssertionError IndexError KeyError RuntimeError TypeError ValueError")
-"""What may be raised."""
 
 
 def offered(path: str) -> Any:
@@ -77,7 +76,7 @@ def compiled(source: Source) -> CodeType:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree = ast.fix_missing_locations(_Plain().visit(source.tree))
+            tree = ast.fix_missing_locations(_Plain(source.modules).visit(source.tree))
             return compile(tree, FILE, "exec", __future__.annotations.compiler_flag, dont_inherit=True)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", 0) or 0
@@ -85,7 +84,14 @@ def compiled(source: Source) -> CodeType:
 
 
 class _Plain(ast.NodeTransformer):
-    """Leaves out imports, prints and asserts: nothing depends on them, and a print would look at numbers."""
+    """Leaves out imports, prints and asserts: nothing depends on them, and a print would look at numbers.
+
+    What the static check cannot tell is asked where it runs: whose attribute it is that has a name of the source's own, and of
+    what a text is made. Sets keep the order in which they are filled.
+    """
+
+    def __init__(self, modules: Mapping[str, str]) -> None:
+        self._modules = modules
 
     def visit(self, node: ast.AST) -> Any:
         """Returns what stands for a node, whose parts come first."""
@@ -99,13 +105,50 @@ class _Plain(ast.NodeTransformer):
                 return value
             case ast.Set(elts=[ast.Dict() as held]):  # {{"near": r}} is what an f-string left of a dictionary
                 return held
+            case ast.Set(elts=held):
+                return _asked("set", node, ast.List(elts=held, ctx=ast.Load()))
+            case ast.SetComp(elt=part, generators=loops):
+                return _asked("set", node, ast.ListComp(elt=part, generators=loops))
+            case ast.Attribute(value=owner, attr=name, ctx=ast.Load()) if self._is_own(node):
+                return _asked("attribute", node, owner, ast.Constant(name))
+            case ast.FormattedValue(value=value):
+                node.value = _asked("plain", node, value)
+            case ast.BinOp(op=ast.Mod(), right=value):
+                node.right = _asked("plain", node, value)
+            case ast.AugAssign(target=ast.Name(), op=ast.Mod(), value=value):
+                node.value = _asked("plain", node, value)
             case ast.AugAssign(target=ast.Subscript(value=owner, slice=index), op=op, value=value):
                 # x[near] += 1.0 reads as many rows as the data say; as a choice in every row it has a fixed shape.
                 if not isinstance(index, ast.Slice | ast.Tuple):
-                    given = [owner, index, ast.Constant(type(op).__name__), value]
-                    call = ast.Call(func=ast.Name(id="porse_augment", ctx=ast.Load()), args=given, keywords=[])
-                    return ast.copy_location(ast.Expr(call), node)
+                    word = ast.Constant(type(op).__name__)
+                    return ast.copy_location(ast.Expr(_asked("augment", node, owner, index, word, value)), node)
         return node
+
+    def _is_own(self, node: ast.Attribute) -> bool:
+        """Whether an attribute may be one of the source's own names: no method, and no part of a module."""
+        path = self._path(node)
+        return node.attr not in _METHODS and path not in _TYPING and (not path or offered(path) is None)
+
+    def _path(self, node: ast.expr) -> str:
+        match node:
+            case ast.Name(name):
+                return self._modules.get(name, "")
+            case ast.Attribute(owner, name) if path := self._path(owner):
+                return f"{path}.{name}"
+        return ""
+
+
+_TYPING = ("torch.jit", "torch.jit.annotate")
+"""What has no meaning where no type is read."""
+
+_METHODS = (contract.METHODS | contract.ATTRIBUTES) - {"format"}
+"""Attributes that may be asked of anything: none leads to the inside of an object."""
+
+
+def _asked(name: str, node: ast.AST, *given: ast.expr) -> ast.expr:
+    """Returns the call of a function of `main_function`, in the place of a node."""
+    call = ast.Call(func=ast.Name(id=f"porse_{name}", ctx=ast.Load()), args=[*given], keywords=[])
+    return ast.copy_location(call, node)
 
 
 class _Root(int):
@@ -144,11 +187,16 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     own = _Holder(**HELPERS_IN_SCOPE | values)
     space: dict[str, Any] = dict.fromkeys(source.classes, own)
     space |= {**vars(own), **{name: offered(path) for name, path in source.modules.items()}}
-    space["__builtins__"] = {name: getattr(builtins, name) for name in contract.BUILTINS | ERRORS} | {
+    space["__builtins__"] = {name: getattr(builtins, name) for name in contract.BUILTINS | contract.ERRORS} | {
         "print": lambda *parts, **more: None,
         "__import__": _loaded,
+        "set": _Set,
+        "str": _Text,
         "porse_augment": _augment,
-        "getattr": lambda owner, name: _attribute(owner, name, own),
+        "porse_plain": plain,
+        "porse_set": _Set,
+        "porse_attribute": lambda owner, name: _attribute(owner, name, own),
+        "getattr": lambda owner, name: _by_name(owner, name, own),
     }
     exec(code, space)
     vars(own).update({name: space[name] for name in source.constants})
@@ -161,10 +209,102 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
 
 
 def _attribute(owner: Any, name: str, own: _Holder) -> Any:
-    """Returns a variable, a constant or a function of `self`: all that may be asked for by a name that is put together."""
-    if owner is not own or not isinstance(name, str) or name.startswith("_") or not hasattr(own, name):
-        raise CodeError("static", f"getattr is for the variables of self alone, and found {str(name)[:100]!r}")
-    return getattr(own, name)
+    """Returns a variable, a constant or a function of `self`, or how a text is filled."""
+    if owner is own and name in vars(own):
+        return vars(own)[name]
+    if isinstance(owner, str) and name == "format":
+        return partial(_Formatter().format, owner)
+    raise CodeError("static", f"the attribute .{name} is one of self alone, and is asked of a {type(owner).__name__}")
+
+
+def _by_name(owner: Any, name: Any, own: _Holder) -> Any:
+    """Returns what `_attribute` does, for a name that is put together."""
+    if owner is not own or not isinstance(name, str) or name.startswith("_") or name not in vars(own):
+        found = name[:100] if isinstance(name, str) else type(name).__name__
+        raise CodeError("static", f"getattr is for the variables of self alone, and found {found!r}")
+    return vars(own)[name]
+
+
+_WORDED = (
+    str, int, float, NoneType, range, torch.Tensor, torch.dtype, torch.device, torch.layout, torch.memory_format,
+)  # fmt: skip
+"""What has the same text in every process; numbers of tensors are not to be had, which torch is asked for."""
+
+
+def plain(value: Any) -> Any:
+    """Returns a value whose text is the same in every process.
+
+    Raises:
+        CodeError: the text would be where an object lies in memory; check "static".
+    """
+    if isinstance(value, Mapping):
+        parts = [*value, *value.values()]
+    elif isinstance(value, Sequence | Set | ValuesView) and not isinstance(value, str):
+        parts = [*value]
+    elif isinstance(value, _WORDED):
+        parts = []
+    else:
+        raise CodeError("static", f"a {type(value).__name__} has no text of its own; write its name out")
+    for part in parts:
+        plain(part)
+    return value
+
+
+class _OfText(type):
+    """Makes `str(x)` the text of a plain value, and `isinstance(x, str)` what it was."""
+
+    def __call__(cls, value: Any = "") -> str:
+        return str(plain(value))
+
+    def __instancecheck__(cls, value: Any) -> bool:
+        return isinstance(value, str)
+
+
+class _Text(metaclass=_OfText):
+    """What `str` stands for."""
+
+
+class _Formatter(string.Formatter):
+    """Fills braces with values as they are: an attribute or an index in them would reach for the inside of objects."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        """Returns the plain value that braces name."""
+        if "." in field_name or "[" in field_name:
+            raise CodeError("static", "braces hold a name or a number alone when a text is filled; use an f-string")
+        found, used = super().get_field(field_name, args, kwargs)
+        return plain(found), used
+
+
+class _Set(MutableSet[Any]):
+    """A set in the order in which it is filled: Python's own order may follow from where objects lie in memory."""
+
+    def __init__(self, values: Iterable[Any] = ()) -> None:
+        self._held = dict.fromkeys(values)
+
+    def __contains__(self, value: object) -> bool:
+        return value in self._held
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._held)
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def __repr__(self) -> str:
+        return f"{{{', '.join(map(repr, self))}}}" if self._held else "set()"
+
+    def add(self, value: Any) -> None:
+        self._held[value] = None
+
+    def discard(self, value: Any) -> None:
+        self._held.pop(value, None)
+
+    def copy(self) -> "_Set":
+        return _Set(self)
+
+    def update(self, *others: Iterable[Any]) -> None:
+        for other in others:
+            self._held.update(dict.fromkeys(other))
 
 
 _OPERATORS = {

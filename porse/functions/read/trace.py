@@ -14,6 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from porse.errors import without_places
 from porse.functions.read.runnable import FILE, RootColumns, compiled, main_function
 from porse.functions.read.source import Source
 from porse.functions.read.states import of_environments
@@ -205,16 +206,24 @@ def trace(source: Source, kind: Kind, values: Mapping[str, Any]) -> Program:
         check, text, line = "static", "the function calls itself without an end", 0
     except Exception as error:  # whatever Python raises, the function has failed
         check, line = "type" if isinstance(error, TypeError | AttributeError) else "run", _line_of(error)
-        text = "Python says: " + re.sub(r"\s+", " ", str(error))[:600]
+        text = f"Python says: {_said(error)}"[:613]
         if is_too_much(error):
             check, text = "memory", TOO_MUCH
     raise CodeError(check, text, line or source.last_line)
 
 
+def _said(error: Exception) -> str:
+    """Returns what an error says, on one line and in the same words in every process."""
+    if any(not isinstance(part, str | int | float | None) for part in error.args):
+        return f"{type(error).__name__} of {', '.join(map(_kind, error.args))}"
+    return without_places(" ".join(str(error).split()))
+
+
 def _line_of(error: BaseException) -> int:
     """Returns the line of the source where an error came up, 0 where it came up outside."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == FILE]
-    return lines[-1] or 0 if lines else 0
+    # Frames alone: to extract a traceback reads files, which a confined process cannot.
+    walked = traceback.walk_tb(error.__traceback__)
+    return [0, *(line for frame, line in walked if frame.f_code.co_filename == FILE)][-1]
 
 
 def _finish(kind: Kind, returned: Any, num_envs: int, recorder: _Recorder) -> None:

@@ -31,6 +31,7 @@ _NAMES = TENSOR_FUNCTIONS | words("""
 _BY_DATA = words("""
     item _local_scalar_dense is_nonzero nonzero nonzero_numpy masked_select equal allclose argwhere unique _unique2
     unique_dim unique_consecutive bincount repeat_interleave masked_scatter to_sparse where.default where.self_only
+    tensor_split.tensor_indices_or_sections
     """)
 """Operators whose results' shapes, or Python's own course, follow from the numbers in a tensor."""
 

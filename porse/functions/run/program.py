@@ -178,7 +178,7 @@ def read_program(text: str) -> Program:
     try:
         program = _program(**json.loads(text))
         is_canonical = program.text == text
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RuntimeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         _expect(False, "JSON of its own form", f"{type(error).__name__}: {error}")
     _expect(is_canonical, "its canonical text", "another spelling of it")
     return program

@@ -1,7 +1,8 @@
 """What a list makes, for a few environments: types and shapes, from a run on few rows. Here a list is judged sound.
 
 Shapes follow from the list, whatever the numbers are, and whole numbers in it grow evenly with the environments. So two small
-runs tell the shapes for any number. Nothing is computed that could be large, end the process or change a variable.
+runs tell the shapes for any number; a third one says whether sizes grow as evenly. Nothing is computed that could be large, end
+the process or change a variable.
 """
 
 import math
@@ -14,11 +15,11 @@ import torch
 from torch import Tensor
 
 from porse.functions.run.operators import Operator, operator
-from porse.functions.run.program import Program, Step, at, filled, leaves, registers
+from porse.functions.run.program import Program, Rows, Share, Step, at, filled, leaves, registers
 from porse.functions.verdict import CodeError, words
 
-FEW = (7, 11)
-"""Environments of the two small runs: few, and unlike the sizes of vectors and rotations."""
+FEW = (7, 11, 19)
+"""Environments of the three small runs: few, and unlike the sizes of vectors and rotations."""
 MANY = 2048
 """Environments for which sizes are bounded at least."""
 MAX_ELEMENTS = 2**26
@@ -30,13 +31,15 @@ _PRODUCTS = words("addmm addmv baddbmm bmm cdist einsum inner kron linalg_multi_
 _DIVISIONS = words("div divide floor_divide fmod remainder")
 """Operators that end the process where a whole number is divided by 0, or the lowest by -1."""
 TOO_MUCH = "the function needs more memory than it may use"
+UNEVEN = "a tensor of the function grows faster than the number of environments; keep a row for each environment"
 MAX_SMALL = 2**24
 """Most numbers of one tensor, or of what two could make together, in a small run."""
 
 
 def is_too_much(error: Exception) -> bool:
     """Whether an error says that there is no more memory."""
-    return isinstance(error, MemoryError) or any(w in str(error) for w in ("DefaultCPUAllocator", "bad_alloc"))
+    said = [part for part in error.args if isinstance(part, str)]  # a tensor's text cannot be had in a confined process
+    return isinstance(error, MemoryError) or any(w in text for text in said for w in ("DefaultCPUAllocator", "bad_alloc"))
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
                 message = f"the function changes its input {fixed[index]} in place; work on {fixed[index]}.clone()"
                 raise CodeError("inplace", message)
         now = filled(arguments, values)
-        check_call(op, now)
+        check_call(op, filled(step.arguments, values))
         if _size(op, now) > MAX_SMALL:
             raise CodeError("memory", f"{TOO_MUCH}, in {op.name.partition('.')[0]}")
         with torch.inference_mode():
@@ -115,7 +118,7 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
 def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None:
     """Refuses a list whose results are no vectors of floats, or that makes too much for so many environments, or 2 048.
 
-    Its shapes for the two numbers of `FEW`, which are given, tell those for any number.
+    Its shapes for the first two numbers of `FEW`, which are given, tell those for any number, if they tell those for the third.
 
     Raises:
         CodeError: checks "shape" and "memory".
@@ -126,37 +129,51 @@ def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None
                 found = f"{value.dtype} of {tuple(value.shape)}; validate the function again"
                 raise CodeError("shape", f"expected floats of shape ({rows},), found {found}")
     count = max(num_envs, MANY)
-    rounds = (count - FEW[0]) / (FEW[1] - FEW[0])
-    sizes = [math.prod(a + (b - a) * rounds for a, b in pairs) for pairs in _pairs(few)]
+    first, second, third = FEW
+    rounds, check = ((n - first) / (second - first) for n in (count, third))
+    sizes = []
+    for sides in _sides(few):
+        if any(c != a + (b - a) * check for a, b, c in sides):
+            raise CodeError("memory", UNEVEN)
+        sizes.append(math.prod(a + (b - a) * rounds for a, b, _ in sides))
     if max(sizes, default=0) > MAX_ELEMENTS * count / MANY or sum(sizes) > MAX_ALL * count / MANY:
         raise CodeError("memory", TOO_MUCH)
 
 
 def makes_pairs(few: Sequence[Shapes]) -> bool:
     """Whether a list makes something for every pair of environments, by its shapes for the numbers of `FEW`."""
-    return any(sum(one != other for one, other in pairs) > 1 for pairs in _pairs(few))
+    return any(sum(one != other for one, other, _ in sides) > 1 for sides in _sides(few))
 
 
-def _pairs(few: Sequence[Shapes]) -> Iterator[Iterator[tuple[int, int]]]:
-    """Yields the sizes of each register in two runs, side by side."""
-    return (zip(a.shape, b.shape, strict=True) for a, b in zip(*(shapes.values for shapes in few), strict=True))
+def _sides(few: Sequence[Shapes]) -> Iterator[list[tuple[int, ...]]]:
+    """Yields the sizes of each register, dimension by dimension, each in all small runs side by side."""
+    return (list(zip(*(v.shape for v in values), strict=True)) for values in zip(*(s.values for s in few), strict=True))
 
 
 def check_call(op: Operator, arguments: Sequence[Any]) -> None:
     """Refuses what may end the process, and sizes from data: whole numbers divided by what may be 0 or -1, masks as indices.
 
+    Numbers of environments may stand in the arguments as they are in a list.
+
     Raises:
         CodeError: check "static".
     """
-    is_float = [isinstance(v, float) or (isinstance(v, Tensor) and v.is_floating_point()) for v in arguments]
+    is_float = [isinstance(v, float | Share) or (isinstance(v, Tensor) and v.is_floating_point()) for v in arguments]
     may_trap = op.base in _DIVISIONS and (op.base not in ("div", "divide") or op.name.endswith("_mode"))
-    if may_trap and not any(is_float) and (isinstance(arguments[1], Tensor) or arguments[1] in (0, -1)):
+    if may_trap and not any(is_float) and _may_be_odd(arguments[1]):
         reason = "divides whole numbers by what may be 0 or -1, which ends the process"
         raise CodeError("static", f"{op.base} {reason}; make them floats first, x.float()")
     if op.base in ("index", "index_put"):
         masks = [v for v in arguments[1] if isinstance(v, Tensor) and v.dtype in (torch.bool, torch.uint8)]
         if masks and not (op.base == "index_put" and arguments[2].numel() == 1):
             raise CodeError("static", BY_MASK)
+
+
+def _may_be_odd(divisor: Any) -> bool:
+    """Whether a divisor may be 0 or -1, for some number of environments or for some data."""
+    if isinstance(divisor, Rows):
+        return divisor.plus in (0, -1) if not divisor.times else divisor.times < 0 or divisor.plus < 0
+    return isinstance(divisor, Tensor) or divisor in (0, -1)
 
 
 BY_MASK = (
