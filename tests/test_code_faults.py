@@ -211,13 +211,13 @@ def test_a_mapping_reads_rows_of_lists():
 
 
 def test_the_order_of_a_set_is_that_of_its_source(sandbox):
-    """0.3 (0.3 (0.3 * 0 + 7) + 5) + 2: another order is another number; what a set holds twice, it holds once."""
-    body = reward("y = 0.0 * a[:, 0]", "for v in {W, V, U, W}:\n    y = y * 0.3 + v", result='y, {"y": y}')
+    """0.3 (0.3 (0.3 a + 7) + 5) + 2: another order is another number; what a set holds twice, it holds once."""
+    body = reward("y = a[:, 0]", "for v in {W, V, U, W}:\n    y = y * 0.3 + v", result='y, {"y": y}')
     reply = f"W = torch.tensor([7.0])\nV = torch.tensor([5.0])\nU = torch.tensor([2.0])\n\n{body}"
     verdict, _ = sandbox.judge(reply, "reward")
     assert verdict.passed, verdict
     total, _ = RewardFunction(verdict.program, True)(values())
-    assert total.tolist() == pytest.approx([0.3 * (0.3 * 7.0 + 5.0) + 2.0] * 16)
+    torch.testing.assert_close(total, 0.3 * (0.3 * (0.3 * values()["a"][:, 0] + 7.0) + 5.0) + 2.0)
 
 
 @pytest.mark.parametrize(
