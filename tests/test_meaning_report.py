@@ -477,7 +477,7 @@ def test_an_evaluation_says_which_seeds_failed_and_that_all_did():
     assert _said(chain, [fine]) == ["3 links of the winning lineage, 1 further seed"]
     assert _said(chain, [fine, late]) == [
         "3 links of the winning lineage, 2 further seeds, 1 of them failed",
-        "seed 2 failed after 1 links: its reward was not finite",
+        "seed 2 failed after 1 link: its reward was not finite",
     ]
     assert (
         _said(chain, [late])[0]
