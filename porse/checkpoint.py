@@ -98,20 +98,20 @@ def read_checkpoint(path: Path) -> Checkpoint:
 
 
 def _check(checkpoint: Checkpoint, path: Path) -> None:
-    """Raises a CheckpointError where scalars are not as a training writes them, or weights are no weights."""
+    """Raises a CheckpointError where scalars are not as a training writes them, or weights are not weights."""
     scalars = checkpoint.scalars
     if scalars.get("kind") not in ("policy", "checkpoint"):
         raise _damaged(path, f"the kind {scalars.get('kind')!r}, which is neither policy nor checkpoint")
     if scalars["kind"] == "checkpoint":
         epoch, rate = scalars.get("epoch"), scalars.get("learning_rate")
         if type(epoch) is not int or epoch < 0:
-            raise _damaged(path, f"the epoch {epoch!r}, which is no count")
+            raise _damaged(path, f"the epoch {epoch!r}, which is not a count")
         if type(rate) is not float or not 0.0 < rate < math.inf:
-            raise _damaged(path, f"the learning rate {rate!r}, which is no positive number")
+            raise _damaged(path, f"the learning rate {rate!r}, which is not a positive number")
     for name, array in checkpoint.arrays.items():
         is_weight = name.startswith((*NETWORKS, "optimizer."))
         if is_weight and array.dtype.kind not in "fiu":
-            raise _damaged(path, f"{name} of {array.dtype}, which is no number")
+            raise _damaged(path, f"{name} of {array.dtype}, which is not a number")
         if is_weight and not np.isfinite(array).all():
             raise _damaged(path, f"{name} with values that are not finite")
 

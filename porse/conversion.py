@@ -117,7 +117,7 @@ def _reader(kind: Any) -> "TypeAdapter":
 
 
 def _check_json(value: Any, name: str, where: str) -> None:
-    """Raises a ParamsError for what JSON cannot hold: a date, a key that is no text, a number that is none."""
+    """Raises a ParamsError for what JSON cannot hold: a date, a key that is not a text, a number that is not finite."""
     expected = ""
     if isinstance(value, dict) and not all(isinstance(key, str) for key in value):
         expected = "a mapping with texts as keys"

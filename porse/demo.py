@@ -4,7 +4,6 @@ It runs in this process (`porse.iteration`), without DVC and without a network: 
 grammar the rest.
 """
 
-import json
 import os
 import webbrowser
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from porse.report.results import read_results
 from porse.reporting.film import winner_film
 from porse.repro import check_start
 from porse.show import choose_renderer, has_display
+from porse.stage import LOGS, write_manifest
 
 SMOKE = Path(__file__).with_name("smoke.yaml")
 """The parameters of the size `smoke`, laid over those of a file."""
@@ -72,7 +72,7 @@ def demo(out: Path, path: Path, opens: bool) -> None:
 
     with checker(params) as check:
         run(params, Place(out, Path("prompts"), Path("llm_cache")), check, click.echo)
-    _write_manifest(out)
+    write_manifest(out / LOGS)
     click.echo()
     results = read_results(out)
     click.echo(results_table(results.iterations, results.figures))
@@ -89,12 +89,6 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     click.echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
         click.echo(f"{page}: opened")
-
-
-def _write_manifest(out: Path) -> None:
-    (out / "logs").mkdir(exist_ok=True)
-    text = json.dumps(numerics.manifest(), indent=2, sort_keys=True)
-    (out / "logs" / "environment.json").write_text(f"{text}\n", encoding="utf-8")
 
 
 def _no_renderer() -> str:

@@ -259,7 +259,7 @@ def changed(document: Any, assignments: Sequence[str]) -> Any:
     """Returns a parsed `params.yaml` with `name=value` put in, as `dvc exp run -S` does it: dotted names, values in YAML.
 
     Raises:
-        ParamsError: one is no assignment, or names no parameter.
+        ParamsError: one is not an assignment, or names no parameter.
     """
     for text in assignments:
         name, equals, value = text.partition("=")

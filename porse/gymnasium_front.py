@@ -100,7 +100,7 @@ class TaskVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         `options["reset_mask"]`, bool (num_envs,), starts them in the environments that it names, and leaves the others alone.
 
         Raises:
-            TaskError: the mask is no such array or names none, or there is a seed with it.
+            TaskError: the mask is not such an array or names none, or there is a seed with it.
         """
         super().reset(seed=seed)
         mask = (options or {}).get("reset_mask")

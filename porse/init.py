@@ -23,7 +23,7 @@ _CHANGED = {
         ("\ntask: Quadcopter\n", f"\ntask: {_TASK}\n"),
         ("\ngenerator: model\n", "\ngenerator: grammar\n"),
     ),
-    # The package is no file of the project: what it is, resolve finds out each time.
+    # The package is not a file of the project: what it is, resolve finds out each time.
     "dvc.yaml": (
         ("      - porse\n", "      - my_tasks\n"),
         ("    outs:\n      - inputs/begin", "    always_changed: true\n    outs:\n      - inputs/begin"),

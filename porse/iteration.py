@@ -1,8 +1,8 @@
 """The algorithm in one place: a whole run, or one iteration of it, in one process, by the functions that the stages call.
 
-It writes what `dvc repro` writes, where it writes it, byte for byte; what it leaves out is DVC: nothing is tracked, and
-nothing is skipped or gone on with. It is for reading, for a debugger, for tests, and for short runs. Numbers of lines are
-those of algorithm 1 of the paper.
+It writes what `dvc repro` writes, where it writes it, byte for byte. It leaves out DVC: it tracks nothing, skips nothing and
+cannot resume. It is for reading, for a debugger, for tests, and for short runs. Numbers of lines are those of algorithm 1 of
+the paper.
 """
 
 from collections.abc import Callable

@@ -23,7 +23,7 @@ def check_target(path: Path, suffixes: Iterable[str], option: str = "--out") -> 
         option: names it in errors.
 
     Raises:
-        PorseError: its name ends otherwise, its folder is not there or is no folder, or it cannot be written.
+        PorseError: its name ends otherwise, its folder is not there or is not a folder, or it cannot be written.
     """
     allowed = [*suffixes]
     if path.suffix.lower() not in allowed:

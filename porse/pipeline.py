@@ -45,7 +45,7 @@ def pipeline_files(root: Path, params: Params) -> dict[Path, str]:
 
 
 def write_pipeline(root: Path, params: Params) -> list[str]:
-    """Writes what differs, takes away the folders of iterations that are no more, and returns what it did, in lines.
+    """Writes what differs, removes the folders of iterations that are no more, and returns what it did, in lines.
 
     Raises:
         PorseError: the template in `iterations/` is missing or wrong.
@@ -58,7 +58,7 @@ def write_pipeline(root: Path, params: Params) -> list[str]:
             did.append(f"{path.relative_to(root)}: written")
     for folder in _left_over(root, params):
         shutil.rmtree(folder)
-        did.append(f"{folder.relative_to(root)}: taken away")
+        did.append(f"{folder.relative_to(root)}: removed")
     return did
 
 

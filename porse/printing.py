@@ -1,4 +1,4 @@
-"""Lines for people: wrapped on a terminal, as they are elsewhere."""
+"""Lines for people: wrapped on a terminal, as they are elsewhere; and counts in words."""
 
 import shutil
 import sys
@@ -27,3 +27,8 @@ def print_line(head: str, text: str, hang: int | None = None, err: bool = False)
             for part in line.splitlines()
         )
     click.echo(line, err=err)
+
+
+def counted(number: int, thing: str) -> str:
+    """Returns a number of things in words: `1 epoch`, `2 epochs`."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"

@@ -92,7 +92,7 @@ def _mend_locks(root: Path, kept: Path) -> Iterator[str]:
                 break
         else:
             path.unlink()
-            yield f"{name} was cut off: taken away, what was done is in DVC's run cache"
+            yield f"{name} was cut off: removed, what was done is in DVC's run cache"
 
 
 def _keep_locks(root: Path, kept: Path) -> None:
@@ -125,10 +125,10 @@ def _replace(path: Path, text: str) -> None:
 
 
 def _mend_rwlock(path: Path) -> Iterator[str]:
-    """Takes away who holds files of the project and is no more: DVC itself sees that only where it can read the file.
+    """Removes lock holders whose process has ended. DVC does this itself only if it can read the file.
 
-    A process that has ended and that nobody has asked for its end yet counts as ended, and so does one that got the
-    number of an ended DVC.
+    A process that has ended and that nobody has waited for yet counts as ended, and so does one that got the number of
+    an ended DVC.
     """
     if not path.is_file():
         return
@@ -136,11 +136,11 @@ def _mend_rwlock(path: Path) -> Iterator[str]:
         living = _living(path)
     except (ValueError, AttributeError, TypeError, KeyError):
         path.unlink()
-        yield f"{path.name} of DVC was cut off: taken away"
+        yield f"{path.name} of DVC was cut off: removed"
         return
     if living and not any(living):
         path.unlink()
-        yield f"{path.name} of DVC named a process that has ended: taken away"
+        yield f"{path.name} of DVC named a process that has ended: removed"
 
 
 def _living(path: Path) -> list[bool]:

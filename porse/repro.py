@@ -54,7 +54,7 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
     check_start(params)
     for line in [*write_pipeline(root, params), *repair(root)]:
         say(line)
-    # What DVC says between the stages is no progress, and no JSON. Who gives it arguments wants to read what it says of them.
+    # What DVC says between the stages is neither progress nor JSON. Who gives it arguments wants to read what it says of them.
     quiet = ["--quiet"] if progress or not arguments else []
     command = [sys.executable, "-m", "dvc", "repro", *quiet, *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())

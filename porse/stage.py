@@ -87,10 +87,10 @@ def begin() -> Params:
     return params
 
 
-def write_manifest() -> None:
-    """Writes what the results may depend on besides the parameters to `logs/environment.json`, which is not tracked."""
-    LOGS.mkdir(exist_ok=True)
-    (LOGS / "environment.json").write_text(
+def write_manifest(logs: Path = LOGS) -> None:
+    """Writes what the results may depend on besides the parameters to `environment.json` in `logs`, which is not tracked."""
+    logs.mkdir(exist_ok=True)
+    (logs / "environment.json").write_text(
         json.dumps(numerics.manifest(), indent=2, sort_keys=True) + "\n", encoding="utf-8"
     )
 

@@ -311,13 +311,13 @@ ITERATIONS = Table(
         Column(
             "cells_visited",
             _REAL,
-            "share of the cells that the winner visited, at its last epoch and since counts last began; 0 without cells",
+            "share of the cells visited since the counts were last cleared, at the winner's last epoch; 0 without cells",
             "finite",
         ),
         Column(
             "new_cells",
             _REAL,
-            "how many cells the winner was in for the first time since counts last began, mean over its epochs; 0 without cells",
+            "cells that the winner entered for the first time since the counts were last cleared; mean over its epochs; 0 without cells",
             "finite",
         ),
         Column("epochs", _INT, "epochs spent on all candidates"),

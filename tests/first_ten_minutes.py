@@ -13,6 +13,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ from terminal import on_a_terminal
 from tiny import QUIET, ROOT
 
 COLUMNS, ROWS = 100, 32
+WIDTH = 120
+"""Of the page's lines."""
 PAGE, PICTURES = ROOT / "docs" / "first-ten-minutes.md", ROOT / "docs" / "first-ten-minutes"
 MOST_LINES = 46
 """Of a command's output, so many lines are on the page: the first and the last ones."""
@@ -66,24 +69,24 @@ STEPS = (
         "porse params --stage eliminate",
     ),
     Step(
-        "The demo is no pipeline. To see one in a minute, give the real one the demo's parameters, and run it: each stage is "
-        "cached by DVC, and can be killed at any instant.",
+        "The demo is not a pipeline. To see one in a minute, run the real pipeline with the demo's parameters: DVC caches each "
+        "stage, and you can kill it at any instant.",
         "cp demo/params.yaml params.yaml && porse pipeline && porse repro",
         "repro",
         "left over all",
     ),
     Step("Where is it?", "porse status"),
     Step(
-        "It is finished; keep it.",
+        "The run is finished. Commit it.",
         "git add -A && git -c user.name=me -c user.email=me@here commit -qm 'a run'",
     ),
     Step(
-        "Change one value: the winner shall play 48 episodes where it played 32. Only what reads the value runs again.",
+        "Change one value: let the winner play 48 episodes instead of 32. Only what reads the value runs again.",
         "sed -i 's/episodes: 32/episodes: 48/' params.yaml && porse status && porse repro",
     ),
     Step("What did it change? The parameter, and one figure.", "dvc params diff && dvc metrics diff"),
     Step(
-        "Take it back: what came out is in DVC's cache, and nothing is trained.",
+        "Undo the change. The earlier results are in DVC's cache, so nothing is trained.",
         "git checkout -q . && porse repro",
     ),
 )
@@ -195,7 +198,7 @@ def page(said: Path) -> str:
     for number, step in enumerate(STEPS, 1):
         parts += [
             "",
-            step.words,
+            *textwrap.wrap(step.words, WIDTH, break_long_words=False, break_on_hyphens=False),
             "",
             "```console",
             f"$ {step.command}",

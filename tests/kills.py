@@ -115,7 +115,7 @@ def finish(project: Path) -> list[str]:
 
 
 def mended(output: str) -> list[str]:
-    return [line for line in output.splitlines() if "taken away" in line or "in its place" in line]
+    return [line for line in output.splitlines() if ": removed" in line or "in its place" in line]
 
 
 def kill_at_random(project: Path, number: int, longest_s: float = 8.0) -> Kill:

@@ -369,7 +369,7 @@ def test_the_pipeline_follows_the_parameters(tmp_path):
     shutil.copytree(tmp_path / "iterations" / "5", tmp_path / "iterations" / "6")
     with pytest.raises(ParamsError, match="expected iterations/6 to be what iterations"):
         check_pipeline(tmp_path, params)
-    assert write_pipeline(tmp_path, params) == ["iterations/6: taken away"]
+    assert write_pipeline(tmp_path, params) == ["iterations/6: removed"]
     (tmp_path / "iterations" / "2" / "dvc.yaml").write_text("stages: {}\n")
     with pytest.raises(ParamsError, match=r"expected iterations/2/dvc\.yaml"):
         check_pipeline(tmp_path, params)

@@ -81,7 +81,7 @@ def test_a_lock_that_was_cut_off_is_replaced_by_its_copy_then_by_the_committed_o
     run(locked, "git", "-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "none")
     copy.unlink()
     lock.write_text(committed[:-1])
-    assert repair(locked) == ["iterations/2/dvc.lock was cut off: taken away, what was done is in DVC's run cache"]
+    assert repair(locked) == ["iterations/2/dvc.lock was cut off: removed, what was done is in DVC's run cache"]
     assert not lock.exists()
     # DVC gives back from its run cache what the lock no longer says.
     assert "Running stage" not in dvc(locked, "repro").stdout

@@ -25,7 +25,7 @@ def files(store: Store) -> dict[str, bytes]:
 
 
 def refreshed(store: Store) -> list[str]:
-    """The hashes in the list of replaced records, in its order; the list is taken away."""
+    """The hashes in the list of replaced records, in its order; the list is removed."""
     path = store.cache_dir / REFRESHED
     lines = [line.split() for line in path.read_text().splitlines()]
     path.unlink()

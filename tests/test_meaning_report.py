@@ -474,14 +474,14 @@ def test_what_is_fixed_is_never_varied():
 def test_an_evaluation_says_which_seeds_failed_and_that_all_did():
     chain = [candidate(1, 0, "a"), candidate(2, 0, "b"), candidate(3, 0, "c")]
     fine, late = {"seed": 1, "links": 3, "failure": ""}, {"seed": 2, "links": 1, "failure": "its reward was not finite"}
-    assert _said(chain, [fine]) == ["3 links of the winning lineage, 1 further seeds"]
+    assert _said(chain, [fine]) == ["3 links of the winning lineage, 1 further seed"]
     assert _said(chain, [fine, late]) == [
         "3 links of the winning lineage, 2 further seeds, 1 of them failed",
-        "seed 2 failed after 1 links: its reward was not finite",
+        "seed 2 failed after 1 link: its reward was not finite",
     ]
     assert (
         _said(chain, [late])[0]
-        == "3 links of the winning lineage, 1 further seeds: all of them failed, there is no evaluation"
+        == "3 links of the winning lineage, 1 further seed: all of them failed, there is no evaluation"
     )
 
 

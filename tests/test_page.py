@@ -215,7 +215,7 @@ def test_a_failure_without_a_reason_is_a_beaten_probe_or_a_fitness_that_is_no_nu
     )
     assert [member.end for member in members(run, 2, "w", ["1"])] == [
         "failed in rung 1: another probe of the same candidate was better",
-        "failed in rung 1: its fitness was no finite number",
+        "failed in rung 1: its fitness was not a finite number",
     ]
 
 

@@ -1,4 +1,4 @@
-"""Trainings on a real Ray cluster, of one machine and of two, one of which is taken away in the middle: the same bytes.
+"""Trainings on a real Ray cluster, of one machine and of two, one of which is removed in the middle: the same bytes.
 
 `make test-ray`, or `pytest -m ray`; where Ray is not installed they are skipped. Ray takes seconds to start: few tests, much in each.
 """

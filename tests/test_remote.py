@@ -182,7 +182,7 @@ def test_a_part_that_fails_says_what_the_whole_would_say(small, start, tmp_path)
         if part.begun == 0:
             Inline().run([part], params, tell)
             return
-        # It waits for its start for ever, and reports nothing; the whole training had reported 8 epochs.
+        # It waits for its start forever, and reports nothing; the whole training had reported 8 epochs.
         os.mkfifo(tmp_path / "never")
         silent = Local(dataclasses.replace(LIMITS, silence_s=1))
         silent.run([dataclasses.replace(part, start=tmp_path / "never")], params, tell)

@@ -542,7 +542,7 @@ exec {python} "$@"
 
 
 class Running:
-    """A tiny project in which a stage `fuse` waits for ever while the file `hold` is there."""
+    """A tiny project in which a stage `fuse` waits forever while the file `hold` is there."""
 
     def __init__(self, folder: Path, venv: Path) -> None:
         self.hold, self.held = folder / "hold", folder / "held"

@@ -229,7 +229,7 @@ class Wrong(CartPole):
     assert "no attribute pole_tip after a reset" in said
     assert "compute_observations returns (2, 4) of torch.float32 in place of (2, 5)" in said
     assert "failed returns (2,) of torch.float32 in place of (2,) of torch.bool" in said
-    assert "fitness returns 1, which is no float" in said
+    assert "fitness returns 1, which is not a float" in said
 
 
 def test_a_class_of_the_package_passes_the_same_check():

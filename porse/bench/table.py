@@ -1,6 +1,6 @@
 """The table of the bench: every figure, what it is compared with, and its bar.
 
-The bars of ratios are what the project wants of itself, "close to the floor": they are no parameters, and no measurement of
+The bars of ratios are what the project wants of itself, "close to the floor": they are not parameters, and no measurement of
 this machine set them. That of a look-up is the one of docs/llm-cache.md.
 """
 

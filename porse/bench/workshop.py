@@ -76,7 +76,7 @@ def main(profile: numerics.Profile, params: Path) -> None:
     # Before the imports of what measures: torch must find the profile set.
     from porse.bench.work import Work, human_params
 
-    # What trainings and libraries print is no answer.
+    # What trainings and libraries print is not an answer.
     with os.fdopen(os.dup(1), "w", buffering=1) as answers, tempfile.TemporaryDirectory() as folder:
         os.dup2(2, 1)
         work = Work(lambda task: human_params(params, task, profile), Path(folder))

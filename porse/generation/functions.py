@@ -159,7 +159,7 @@ def _next_attempts(
         _question(
             params,
             messages,
-            sample_of(brief, attempt.kind, attempt.slot, _generation(number, params), params, iteration),
+            sample_of(brief, attempt.kind, attempt.slot, _fresh_before(number, params), params, iteration),
             Origin("validate-code", iteration, f"{attempt.kind} {attempt.slot}, attempt {number}"),
         )
         for (attempt, _), messages, number in zip(broken, asked, numbers, strict=True)
@@ -175,9 +175,13 @@ def _check_any_left(
     attempt: Attempt, verdict: Verdict, tried: list[tuple[Attempt, Verdict]], params: Params, iteration: int
 ) -> None:
     number = attempt.number + 1
-    if _generation(number, params) > params.validate.max_fresh:
-        message = f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in {number} replies; the last failed the check {verdict.check}: {verdict.message.rstrip('.')}. Raise validate.max_repairs or validate.max_fresh, or change the prompts or the model"
-        raise NoFunctionLeft(message, tried)
+    if _fresh_before(number, params) > params.validate.max_fresh:
+        raise NoFunctionLeft(
+            f"expected a usable {attempt.kind} function for slot {attempt.slot} of iteration {iteration}, found none in "
+            f"{number} replies; the last failed the check {verdict.check}: {verdict.message.rstrip('.')}. Raise "
+            "validate.max_repairs or validate.max_fresh, or change the prompts or the model",
+            tried,
+        )
 
 
 def _next_messages(attempt: Attempt, verdict: Verdict, brief: Brief, params: Params) -> tuple[Message, ...]:
@@ -186,7 +190,7 @@ def _next_messages(attempt: Attempt, verdict: Verdict, brief: Brief, params: Par
     return repair(attempt.asked, attempt.reply.text, verdict, brief.prompts)
 
 
-def _generation(number: int, params: Params) -> int:
+def _fresh_before(number: int, params: Params) -> int:
     """Returns how many fresh replies came before attempt `number` and its repairs."""
     return number // (params.validate.max_repairs + 1)
 

@@ -1,7 +1,7 @@
 """The modules that a Python file imports, read from its text: directly or through others, at the top or in a function.
 
-A module that is only named, in a text such as `"porse.training.server"`, counts as imported: that is how child processes
-are told what to run. Imports under `if TYPE_CHECKING:` do not count.
+A module that is only named, in a text such as `"porse.warm.server"`, counts as imported: child processes are told in this way
+what to run. Imports under `if TYPE_CHECKING:` do not count.
 """
 
 import ast
@@ -30,7 +30,7 @@ def imported_files(start: Path, homes: Mapping[str, Path], lists: frozenset[Path
 
 
 def _files(name: str, homes: Mapping[str, Path]) -> Iterator[Path]:
-    """Yields the files that importing a dotted name runs; what the name has beyond a module is no file."""
+    """Yields the files that importing a dotted name runs; what the name has beyond a module is not a file."""
     parts = name.split(".")
     if parts[0] not in homes:
         return

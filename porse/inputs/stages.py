@@ -24,7 +24,7 @@ PACKAGES = "requirements.lock"
 _ALL = ("numerics",)
 _TRAINS = ("device", "deterministic")
 _ASKED = ("prompts", "llm_cache/refreshed.txt")
-"""Records are found by their question and written once, so they are no inputs; the list of those that were replaced is."""
+"""Records are found by their question and written once, so they are not inputs; the list of those that were replaced is."""
 _ASKS = ("task", "seed", "generator", "llm", "candidate", "generate")
 
 STAGES: dict[str, Stage] = {
@@ -61,26 +61,27 @@ STAGES: dict[str, Stage] = {
 NO_RESULT: dict[str, str] = {
     "porse/__init__.py": "a sentence and the version",
     "porse/config.py": "how parameters are read; their values are inputs",
-    "porse/conversion.py": "as above",
-    "porse/documents.py": "as above",
-    "porse/methods/__init__.py": "as above",
-    "porse/methods/sets.py": "as above; of all sets, the values of the chosen ones are inputs",
+    "porse/conversion.py": "how parameters are read; their values are inputs",
+    "porse/documents.py": "how parameters are read; their values are inputs",
+    "porse/methods/__init__.py": "how parameters are read; their values are inputs",
+    "porse/methods/sets.py": "how parameters are read; of all sets, the values of the chosen ones are inputs",
     "porse/errors.py": "the words of an error change no result",
     "porse/inputs/__init__.py": "a sentence",
     "porse/inputs/files.py": "what the files are is an input, how they are found is not",
-    "porse/inputs/imports.py": "as above",
-    "porse/inputs/resolve.py": "as above",
-    "porse/inputs/stages.py": "as above",
+    "porse/inputs/imports.py": "what the files are is an input, how they are found is not",
+    "porse/inputs/resolve.py": "what the files are is an input, how they are found is not",
+    "porse/inputs/stages.py": "what the files are is an input, how they are found is not",
     "porse/paths.py": "where the package and the project lie",
     "porse/presets/__init__.py": "how parameters are read; their values are inputs",
-    "porse/presets/own.py": "as above",
-    "porse/presets/rules.py": "as above",
+    "porse/presets/own.py": "how parameters are read; their values are inputs",
+    "porse/presets/rules.py": "how parameters are read; their values are inputs",
+    "porse/printing.py": "what a terminal shows",
     "porse/processes.py": "who ends when",
     "porse/stage.py": "the command line of a stage",
     "porse/task_names.py": "the module that the run's task names is an input",
     "porse/training/bar.py": "what a terminal shows",
     "porse/training/cluster.py": "on which machine a training runs",
-    "porse/training/remote.py": "as above",
+    "porse/training/remote.py": "on which machine a training runs",
     "porse/warm/__init__.py": "a sentence",
     "porse/warm/client.py": "which process does a stage's work",
     "stages/__init__.py": "who ends when",

@@ -20,7 +20,7 @@ def overridden(document: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Returns a parsed `params.yaml` with the values of its method, then of its ablation, in place of its own.
 
     Args:
-        document: the parsed file; sections that are no mappings are left to the check of types.
+        document: the parsed file; sections that are not mappings are left to the check of types.
         where: names the file in errors.
 
     Raises:

@@ -4,7 +4,7 @@ The method's set is laid over `params.yaml`, then the ablation's. Where a set sa
 sees nothing but the values, so that editing another set concerns no stage (`porse.inputs`).
 
 An ablation takes one thing away and leaves the rest: the weight of the goal reward, the number of trainings, and when
-what else varies. Where it takes away what mutants vary, they differ by their random draws alone (`draw`).
+what else varies. Where it removes what mutants vary, they differ by their random draws alone (`draw`).
 """
 
 from typing import Any

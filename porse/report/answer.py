@@ -9,6 +9,7 @@ from typing import Any
 from porse.config import ROOT, Params
 from porse.methods import ABLATIONS, METHODS
 from porse.presets import GIVEN, find_preset, preset_file
+from porse.printing import counted
 from porse.report import paper
 from porse.report.charts import Chart, Line, Mark, Point
 from porse.report.detail import STREAMS, series_of
@@ -116,7 +117,7 @@ def answers(results: Results) -> list[Fact]:
             spread = "" if deviation is None else f" ± {figure(deviation)}"
             note = "the lineage of winners, trained again; mean" + (" and deviation" if spread else "")
             facts.append(
-                Fact(f"{what}, {_count(figures['evaluation_seeds'], 'further seed')}", f"{figure(mean)}{spread}", note)
+                Fact(f"{what}, {counted(figures['evaluation_seeds'], 'further seed')}", f"{figure(mean)}{spread}", note)
             )
     facts += [
         Fact(f"Seed {row['seed']}", "failed", row["failure"]) for row in results.evaluation.seeds if row["failure"]
@@ -329,7 +330,9 @@ def _threshold(results: Results) -> tuple[str, str]:
 def _score_note(params: Params) -> str:
     if params.eliminate.score == "max":
         return "the winner's highest fitness, by which it was ranked"
-    return f"the winner's mean fitness over its last {_count(params.eliminate.window, 'epoch')}, by which it was ranked"
+    return (
+        f"the winner's mean fitness over its last {counted(params.eliminate.window, 'epoch')}, by which it was ranked"
+    )
 
 
 def _normalised(length: str, value: float | None, params: Params) -> Fact:
@@ -344,7 +347,3 @@ def _normalised(length: str, value: float | None, params: Params) -> Fact:
 def _replaced(sections: Mapping[str, Mapping[str, Any]]) -> str:
     values = [f"{s}.{key}: {json.dumps(value)}" for s, own in sections.items() for key, value in own.items()]
     return ", ".join(values)
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}{'' if number == 1 else 's'}"

@@ -175,9 +175,12 @@ def spread(name: str, values: Sequence[float]) -> dict[str, float | None]:
     """Returns mean and deviation, that of a sample, as `NAME_mean` and `NAME_std`; None where there are too few values."""
     if not values:
         return {f"{name}_mean": None, f"{name}_std": None}
+    mean, deviation = mean_and_deviation(values)
+    return {f"{name}_mean": mean, f"{name}_std": deviation}
+
+
+def mean_and_deviation(values: Sequence[float]) -> tuple[float, float | None]:
+    """Returns the mean of at least one value, and the deviation of a sample (n - 1), None for a single value."""
     mean = math.fsum(values) / len(values)
     squares = math.fsum((value - mean) ** 2 for value in values)
-    return {
-        f"{name}_mean": mean,
-        f"{name}_std": math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None,
-    }
+    return mean, math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None

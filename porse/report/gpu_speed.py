@@ -1,4 +1,4 @@
-"""How fast tasks step and train on a GPU, as a Markdown table: `python -m porse.report.gpu_speed` prints it in 8 minutes.
+"""How fast tasks step and train on a GPU, as a Markdown table: `python -m porse.report.gpu_speed` prints it in about 7 minutes.
 
 An environment step is all that a task does in one: drawn actions, physics, measurements, observations, new episodes. A
 training step has PPO and the human reward with it, with the networks of the preset `paper`. Warp compiles its kernels for

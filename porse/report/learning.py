@@ -3,8 +3,8 @@
 One table has a row for each task, the other the curve of each run.
 
 Fitness is that of training epochs, of a policy that explores, and of whole episodes: of zero action, of random actions
-N(0, 0.8) and of the trained policy's mean action. A task learns where its last epochs are clearly above both policies that
-know nothing: by a tenth of the way from the better of them to what can be had. Success can be rarer than that although a
+N(0, 0.8) and of the trained policy's mean action. A task learns if its last epochs beat both policies that know nothing by
+at least a tenth of the gap between the better one and the best possible fitness. Success can be rarer than that although a
 policy has learned much of what the reward pays for. So the table also says whether the return improves: whether it ends
 above that of both policies, by twice the deviation of the better one's episodes.
 
@@ -55,7 +55,7 @@ CLEARLY = 0.1
 DEVIATIONS = 2.0
 """How many deviations of its episodes a return must be above that of a policy that knows nothing."""
 BEST: Mapping[str, float] = {"Quadcopter": 0.0, "Anymal": 0.0, "Humanoid": 7.235}
-"""The fitness that can be had: no distance, no deviation, the paper's speed (m/s) with this reward; else every episode: 1."""
+"""The best possible fitness: no distance, no deviation, the paper's speed (m/s) with this reward; else every episode: 1."""
 
 
 @dataclass(frozen=True)

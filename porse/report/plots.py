@@ -15,7 +15,7 @@ _PART = "component/"
 def spread_rows(curves: Sequence[Row]) -> Rows:
     """Returns the lowest, the median and the highest fitness over the candidates of each epoch, iteration after iteration.
 
-    The epoch counts on over the iterations. A fitness that is no finite number counts nowhere.
+    The epoch counts on over the iterations. A fitness that is not a finite number counts nowhere.
     """
     by_epoch: dict[tuple[int, int], list[float]] = {}
     for row in curves:

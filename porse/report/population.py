@@ -184,5 +184,5 @@ def _unsaid(run: Run, row: Row) -> str:
         == (row["iteration"], row["candidate_id"], "fitness")
     ]
     if not fitness or not all(map(math.isfinite, fitness)):
-        return "its fitness was no finite number"
+        return "its fitness was not a finite number"
     return "another probe of the same candidate was better"

@@ -99,7 +99,7 @@ def _rows(folder: Path, table: Table) -> list[Row]:
 
 
 def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Params) -> list[tuple[Row, float]]:
-    """Returns whom each iteration handed on, as a row of the candidates table, with the score that it won with.
+    """Returns the candidate that each iteration handed on, as a row of the candidates table, with the score that it won with.
 
     Args:
         iterations: rows of the iterations table, in their order.

@@ -107,11 +107,11 @@ COMMON = """## What all tasks share
 python -m porse.report.calibration docs/calibration.csv
 ```
 
-writes [calibration.csv](calibration.csv): return and shortest episode of all tasks, under random actions N(0, 0.8), clipped,
-and under zero action. For originals with published figures of their first training, it says whether ours agree: a return within
-a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated: all of Quadcopter,
-FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen and PushBlock, and zero
-action everywhere.
+This command writes [calibration.csv](calibration.csv): return and shortest episode of all tasks, under random actions
+N(0, 0.8), clipped, and under zero action. For originals with published figures of their first training, it says whether ours
+agree: a return within a factor of 1.5, a shortest episode within a factor of 2. Rows without a published figure are uncalibrated:
+all of Quadcopter, FrankaCabinet, Anymal, Humanoid, ReOrientation, Scissors, SwingCup, Switch, Kettle, LiftUnderarm, Pen and
+PushBlock, and zero action everywhere.
 
 ## What they learn
 
@@ -130,16 +130,16 @@ python -m porse.report.learning .porse/suites/learning/results docs
 python -m porse.report.trained .porse/suites/learning/results docs/trained
 ```
 
-train each task with its human reward for as many epochs as a winning lineage of its preset has, four tasks for up to three times
-as many, and write
-[learning.csv](learning.csv), [learning-curves.csv](learning-curves.csv), and pictures of the trained policies. The page of each
-task shows its pictures and curves; [what human rewards teach](learning.md) says in words what learns, and why the rest does not.
+These commands train each task with its human reward for as many epochs as a winning lineage of its preset has, and four tasks for
+up to three times as many. They write [learning.csv](learning.csv), [learning-curves.csv](learning-curves.csv), and pictures of
+the trained policies. The page of each task shows its pictures and curves; [what human rewards teach](learning.md) says in words
+what learns, and why the rest does not.
 
 Fitness is that of zero action, of random actions N(0, 0.8), and of training: the mean over the first ten epochs, where the policy
 is about random, over the last ten, and the highest of any epoch (MTS). *Final* is what the trained policy's mean action is worth
-in 256 whole episodes. A task *learns* where its last epochs are above both policies that know nothing by a tenth of the way from
-the better of them to what can be had: 0 where fitness is minus a distance, the paper's figure for Humanoid, else 1. The paper's
-MTS with the same reward took 1.5e9 steps.
+in 256 whole episodes. A task *learns* if its last epochs beat both policies that know nothing by at least a tenth of the gap
+between the better one and the best possible fitness. The best possible fitness is 0 where fitness is minus a distance, the
+paper's figure for Humanoid, and 1 for all other tasks. The paper's MTS with the same reward took 1.5e9 steps.
 """
 
 RETURNS = """Success can be rare although a policy has learned much of what the reward pays for. The table below has the mean return with the
@@ -208,7 +208,7 @@ def _lines(rows: Sequence[Mapping[str, str]], value: str) -> list[Line]:
 
 def _index() -> str:
     rows = [
-        "| task | tags | observations | actions | steps an episode |",
+        "| task | tags | observations | actions | steps per episode |",
         "| --- | --- | --- | --- | --- |",
         *(
             f"| [{name}]({PAGES}/{name}.md) | {_tags(name)} | {task.NUM_OBSERVATIONS} | {task.NUM_ACTIONS} "
@@ -321,8 +321,8 @@ def _taught(row: Mapping[str, str], drawn: Mapping[str, Chart]) -> Iterator[str]
     yield ""
     yield (
         f"The best of 16 episodes of the trained policy's mean action: its start, after one third and two thirds of it, and its end. "
-        f"After {_millions(row)} steps ({seeds}) the fitness is {row['end']}; that of zero action is {row['zero_action']}, that of "
-        f"random actions {row['random']}.{paper} [What all tasks learn](../learned.md)"
+        f"After {_millions(row)} steps ({seeds}) the fitness is {row['end']}. Zero action has {row['zero_action']}, and "
+        f"random actions have {row['random']}.{paper} [What all tasks learn](../learned.md)"
     )
     yield ""
     for place, chart in drawn.items():

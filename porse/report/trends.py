@@ -1,6 +1,5 @@
 """How the weights of winners move over the iterations (table 18 of the paper), and fitness along their trainings (figure 6)."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from porse import tables
 from porse.config import Params, load_params, presets_root
 from porse.report.agreement import check_epochs
+from porse.report.figures import mean_and_deviation
 from porse.search.schedule import DRAW, is_searched, mutants, varied
 from porse.tables import Row
 
@@ -105,13 +105,8 @@ def winners_fitness(run: Finished) -> list[tuple[int, float]]:
 
 
 def _spread(values: Sequence[float]) -> dict[str, Any]:
-    mean = math.fsum(values) / len(values)
-    squares = math.fsum((value - mean) ** 2 for value in values)
-    return {
-        "runs": len(values),
-        "mean": mean,
-        "std": math.sqrt(squares / (len(values) - 1)) if len(values) > 1 else None,
-    }
+    mean, deviation = mean_and_deviation(values)
+    return {"runs": len(values), "mean": mean, "std": deviation}
 
 
 def _cell(row: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 from porse.errors import PorseError
@@ -119,7 +120,10 @@ def comparison(sources: Sources, baseline: str) -> Comparison:
         cells,
         _weights(list(finished.values())),
         [_budget(group, [sources.runs[place] for place in places]) for group, places in groups.items()],
-        [_chart(task, groups, finished, _mts_by_iteration, "iteration", "MTS so far") for task in tasks],
+        [
+            _chart(task, groups, finished, lambda run: mts_so_far(run.iterations), "iteration", "MTS so far")
+            for task in tasks
+        ],
         [_chart(task, groups, finished, winners_fitness, "epoch of the winners", "fitness") for task in tasks],
         sources.left_out,
     )
@@ -190,14 +194,14 @@ def _budget(group: Group, runs: Sequence[Done]) -> dict[str, Any]:
     return {"task": group[0], "label": group[1], "runs": len(runs), **means}
 
 
-def _mts_by_iteration(run: Finished) -> list[tuple[int, float]]:
-    """Returns the highest MTS up to each iteration."""
-    best = -math.inf
-    found = []
-    for row in run.iterations:
-        best = max(best, row["mts"])
-        found.append((row["iteration"], best))
-    return found
+def mts_so_far(rows: Sequence[Mapping[str, Any]]) -> list[tuple[int, float]]:
+    """Returns each iteration with the highest MTS up to it.
+
+    Args:
+        rows: of a run's iterations, in their order.
+    """
+    best = accumulate((float(row["mts"]) for row in rows), max)
+    return [(int(row["iteration"]), mts) for row, mts in zip(rows, best, strict=True)]
 
 
 def _chart(

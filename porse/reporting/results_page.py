@@ -1,6 +1,5 @@
 """The page of all suites' results, from the tables that Git tracks: `python -m porse.reporting.results_page docs`."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import click
 from porse.report import paper
 from porse.report.charts import Chart
 from porse.report.svg import svg
-from porse.reporting.compare import label_of, line_over
+from porse.reporting.compare import label_of, line_over, mts_so_far
 from porse.reporting.evidence import Evidence, read_evidence
 from porse.reporting.evidence import Line as Row
 from porse.reporting.forms import mean_text
@@ -29,9 +28,9 @@ python -m porse.reporting.evidence suites/NAME.yaml docs/results
 python -m porse.reporting.results_page docs
 ```
 
-compute a suite, add its finished runs to [runs.csv](results/runs.csv) and [winners.csv](results/winners.csv), and write this page.
-Every finished run of a suite is in the tables. The second command also says whether a run that already stands there was
-computed again with the same bits.
+These commands compute a suite, add its finished runs to [runs.csv](results/runs.csv) and [winners.csv](results/winners.csv), and
+write this page. Every finished run of a suite is in the tables. The second command also says whether a run that already stands
+there was computed again with the same bits.
 
 *MTS* is the maximum training success, the highest fitness of an epoch, and *IQM* its interquartile mean over the seeds: the mean
 of the middle half. *Better* is the probability that a run of PoRSE from the same suites has a higher MTS than a run of this row.
@@ -124,11 +123,9 @@ def _chart(task: str, rows: Sequence[Row], winners: Sequence[Row]) -> Chart:
     for own in grouped(rows, ("method", "ablation", "variant")).values():
         at: dict[int, list[float]] = {}
         for row in own:
-            best = -math.inf
-            for winner in winners:
-                if (winner["suite"], winner["entry"]) == (row["suite"], row["entry"]):
-                    best = max(best, float(winner["mts"]))
-                    at.setdefault(int(winner["iteration"]), []).append(best)
+            run = [each for each in winners if (each["suite"], each["entry"]) == (row["suite"], row["entry"])]
+            for iteration, mts in mts_so_far(run):
+                at.setdefault(iteration, []).append(mts)
         lines.append(line_over(label_of(own[0]), at, len(own)))
     return Chart(task, "iteration", "MTS so far", lines)
 

@@ -85,7 +85,7 @@ def bred(
 ) -> Population:
     """Returns the population after an iteration: its candidates enter or ask to, then islands may exchange members.
 
-    Those of the first generation enter whatever their fitness is; later ones ask, by the mean of their island.
+    Candidates of the first iteration enter whatever their fitness is; later ones ask, by the mean of their island.
 
     Args:
         before: what the iteration started from; empty where rewards do not evolve on islands, and so is the result.

@@ -17,7 +17,7 @@ class Score:
         candidate_id: whose.
         value: what ranks it, see `score_of`.
         mts: highest fitness so far.
-        failed: whether its training ended early, or another probe took its place, or its fitness is no number; it ranks
+        failed: whether its training ended early, or another probe took its place, or its fitness is not a number; it ranks
             behind all others.
     """
 
@@ -54,7 +54,8 @@ def score(candidate: Row, curves: Sequence[Row], params: EliminateParams) -> Sco
 def ranked_pool(candidates: Sequence[Row], curves: Sequence[Row], params: EliminateParams) -> list[Score]:
     """Returns the scores of a pool's candidates, best first.
 
-    Those that are not as old as the oldest, probes that another one beat, count as failed, before those that did fail.
+    Candidates with fewer epochs than the oldest are probes that lost to another. They count as failed, and rank above those
+    that really failed.
     """
     oldest = max((row["epochs"] for row in candidates), default=0)
     scores = rank([score(row, curves, params) for row in candidates])
@@ -79,7 +80,7 @@ def survivors(ranked: Sequence[Score], keep: int, where: str) -> list[Score]:
     """Returns the `keep` best that did not fail.
 
     Raises:
-        SearchError: all of them failed; an empty pool is no failure.
+        SearchError: all of them failed; an empty pool is not a failure.
     """
     alive = [entry for entry in ranked if not entry.failed]
     if ranked and not alive:

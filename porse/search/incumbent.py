@@ -1,4 +1,4 @@
-"""Whom the next iteration goes on from: the iteration's winner, or an earlier one that is still better (ROSKA)."""
+"""The candidate that the next iteration goes on from: the iteration's winner, or an earlier one that is still better (ROSKA)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def incumbent(
     earlier_feedback: Sequence[Row],
     params: Params,
 ) -> Incumbent:
-    """Returns whom the next iteration goes on from.
+    """Returns the candidate that the next iteration goes on from.
 
     Args:
         candidates: the iteration's last pool, at least one.

@@ -8,6 +8,7 @@ from pathlib import Path
 from porse import tables
 from porse.config import Params
 from porse.pool import policy_file
+from porse.printing import counted
 from porse.report.run import read_lineage
 from porse.search.lengths import rung_epochs
 from porse.search.lineage import episodes_seed
@@ -59,8 +60,8 @@ def _said(chain: Sequence[Row], seeds: Sequence[Row]) -> list[str]:
             else ": all of them failed, there is no evaluation"
         )
     return [
-        f"{len(chain)} links of the winning lineage, {len(seeds)} further seeds{end}",
-        *(f"seed {row['seed']} failed after {row['links']} links: {row['failure']}" for row in failed),
+        f"{counted(len(chain), 'link')} of the winning lineage, {counted(len(seeds), 'further seed')}{end}",
+        *(f"seed {row['seed']} failed after {counted(row['links'], 'link')}: {row['failure']}" for row in failed),
     ]
 
 

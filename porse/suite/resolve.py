@@ -101,9 +101,10 @@ def code_id(root: Path, files: Sequence[str]) -> str:
     """Returns the content id of `dvc.yaml`, of those files that it names as `deps`, or that are below one.
 
     The template of the iterations' `dvc.yaml` counts, too; those files themselves follow from it and the parameters.
-    Where the package is the installed one, its sources count. What no stage depends on, such as documentation, is no part of it. Neither are presets: their values are in the id of an
-    entry's parameters, and those of another task concern it no more. Neither are recorded replies: an entry that is
-    done had all of its own, and recording those of the next entry changes nothing for it.
+    If the package is the installed one, its sources count. What no stage depends on, such as documentation, is not part
+    of the id. Presets are not part of it: their values are in the id of an entry's parameters, and the preset of another
+    task does not concern an entry. Recorded replies are not part of it: an entry that is done had all of its own, and
+    recording those of the next entry changes nothing for it.
 
     Raises:
         PorseError: there is no `dvc.yaml` among the files.

@@ -165,7 +165,7 @@ def _run_entry(
 
 
 def _set_aside(result: Path, earlier: Path) -> None:
-    """Makes way for a new result: one that was done becomes the earlier one, a failed one is taken away."""
+    """Makes way for a new result: one that was done becomes the earlier one, a failed one is removed."""
     if not result.exists():
         return
     if not (result / "done.json").is_file():

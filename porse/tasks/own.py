@@ -30,7 +30,7 @@ def find_own_task(name: str) -> type[Task]:
     """Returns the class that "module:Class" names.
 
     Raises:
-        TaskError: there is no such module or class, or it is no complete task.
+        TaskError: there is no such module or class, or it is not a complete task.
     """
     module_name, _, class_name = name.partition(":")
     if not all(part.isidentifier() for part in [*module_name.split("."), class_name]):
@@ -106,7 +106,7 @@ def _differences(task: Task) -> Iterator[str]:
             yield f"{name} returns {tuple(value.shape)} of {value.dtype} in place of {shape} of {kind}"
     fitness = task.fitness()
     if not isinstance(fitness, float):
-        yield f"fitness returns {fitness!r}, which is no float"
+        yield f"fitness returns {fitness!r}, which is not a float"
 
 
 def _variable_differences(variable: Variable, value: object, envs: int) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """A rung's progress: bars on a terminal, one line elsewhere, JSON lines, or nothing; and TensorBoard's files beside it.
 
-All of it looks on. Nothing here reaches a result, so that the variables below are none of the parameters:
+This module only watches. Nothing here affects a result, so the variables below are not parameters:
 
 | variable | meaning | default |
 | --- | --- | --- |
@@ -21,6 +21,7 @@ from typing import Any
 import click
 
 from porse.errors import ParamsError
+from porse.printing import counted
 from porse.stage import PLAN_VARIABLE, PROGRESS_VARIABLE
 from porse.training.job import Ended, Report
 
@@ -82,7 +83,8 @@ class RungBar:
         if self._mode == "json":
             self._tell_json("done")
         elif self._mode != "quiet":
-            click.echo(f"{self._head()}: {self._candidates} candidates, {self._done} epochs, {self._figures()}")
+            candidates, epochs = counted(self._candidates, "candidate"), counted(self._done, "epoch")
+            click.echo(f"{self._head()}: {candidates}, {epochs}, {self._figures()}")
 
     def tell(self, event: Report | Ended) -> None:
         """Shows that one epoch of one candidate is done, and keeps the reason of one that failed for the end."""

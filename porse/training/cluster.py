@@ -86,7 +86,7 @@ def ray_machines() -> Iterator[Machines]:
     """Connects to the cluster that RAY_ADDRESS names, or starts one on this machine, while the block runs.
 
     Raises:
-        ParamsError: there is no cluster at that address, or PORSE_WORKERS is no number.
+        ParamsError: there is no cluster at that address, or PORSE_WORKERS is not a number.
     """
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
@@ -163,7 +163,7 @@ def _check_listens(ray: Any, address: str) -> None:
 
     Raises:
         OSError: nothing does.
-        ValueError: it is no address.
+        ValueError: it is not an address.
     """
     if "://" in address:
         return  # not the cluster itself, but a server in front of it
@@ -174,7 +174,7 @@ def _check_listens(ray: Any, address: str) -> None:
 
 @contextmanager
 def _started(ray: Any) -> Iterator[None]:
-    """Starts Ray on this machine, with a folder that is taken away at the end, and ends it.
+    """Starts Ray on this machine, with a folder that is removed at the end, and ends it.
 
     Raises:
         ParamsError: the folder's path is too long for the sockets that Ray makes in it.

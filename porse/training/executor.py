@@ -41,7 +41,7 @@ def executor_from_environment() -> Executor:
     `local` has a process for each candidate, `inline` this process, `ray` the machines of a Ray cluster.
 
     Raises:
-        ParamsError: it names another, Ray is not installed, or a limit is no number.
+        ParamsError: it names another, Ray is not installed, or a limit is not a number.
     """
     name = os.environ.get(EXECUTOR_VARIABLE, "") or "local"
     if name == "local":

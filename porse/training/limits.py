@@ -36,7 +36,7 @@ def limits_from_environment() -> Limits:
     """Returns the limits that the environment sets.
 
     Raises:
-        ParamsError: a variable is no positive whole number.
+        ParamsError: a variable is not a positive whole number.
     """
     count = workers()
     # Where the user keeps CPUs free for something else, they stay free.
@@ -53,7 +53,7 @@ def workers() -> int:
     """Returns how many CPUs trainings use: PORSE_WORKERS, or all that this process may use.
 
     Raises:
-        ParamsError: PORSE_WORKERS is no positive whole number.
+        ParamsError: PORSE_WORKERS is not a positive whole number.
     """
     return _number(WORKERS_VARIABLE, cpus())
 
@@ -62,7 +62,7 @@ def checkpoint_s() -> int:
     """Returns after how many seconds a training that may lose its machine writes the next checkpoint to go on from.
 
     Raises:
-        ParamsError: PORSE_CHECKPOINT_S is no positive whole number.
+        ParamsError: PORSE_CHECKPOINT_S is not a positive whole number.
     """
     return _number(CHECKPOINT_VARIABLE, _CHECKPOINT_S)
 

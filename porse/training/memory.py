@@ -37,7 +37,7 @@ def check_memory(params: Params) -> None:
     """Checks that a training of these parameters fits into the memory that it may take.
 
     Raises:
-        ParamsError: it does not, or a variable that says how much it may take is no number.
+        ParamsError: it does not, or a variable that says how much it may take is not a number.
     """
     limits = limits_from_environment()
     # To ask the task for its sizes takes seconds: only where the widest one would not fit.

@@ -1,8 +1,8 @@
-"""A training in parts, each with a checkpoint behind it: who takes it over goes on after the last whole part.
+"""A training in parts, each with a checkpoint behind it: whoever takes it over goes on after the last whole part.
 
-A training that is split anywhere gives the same bits, so that neither the length of a part nor who trains it changes one. A
-part that is whole is two files in a folder of the training's own: a checkpoint, and then, put in its place in one step, a JSON
-file with the rows up to there. Every attempt writes under its own number: one that is believed dead and is not disturbs nobody.
+A training that is split anywhere gives the same bits, so neither the length of a part nor who trains it changes a result. A
+whole part is two files in the training's own folder: a checkpoint, and then, put in place in one step, a JSON file with the
+rows up to there. Every attempt writes under its own number, so an attempt that is wrongly believed dead disturbs nobody.
 """
 
 import dataclasses

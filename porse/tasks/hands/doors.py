@@ -144,7 +144,7 @@ class DoorTask(HandleTask):
         """Returns what the human reward pays for with both hands near, `(num_envs,)`."""
 
     def human_reward(self) -> Tensor:
-        """Returns CONSTANT minus both reaches, and with both hands near 2 s (opening) or 1 - 2 s (closing)."""
+        """Returns the constant (6 for DoorCloseOutward, else 2) minus both reaches; while both are below 0.5 m, it adds twice the handles' separation (opening), or 1 minus twice the separation (closing)."""
         right, left = self.reaches()
         both = (right < 0.5) & (left < 0.5)
         return self.CONSTANT - right - left + torch.where(both, self.moved(), 0.0)

@@ -256,7 +256,7 @@ def _is_of_a_hand(model: mujoco.MjModel, dof: int) -> bool:
 
 
 def _has_weight(model: mujoco.MjModel, body: int) -> bool:
-    """Returns whether gravity acts on a body: on every one that moves, is no part of a hand and is not spared it."""
+    """Returns whether gravity acts on a body: on every one that moves, is not part of a hand and is not spared it."""
     part_of_a_hand = model.body(body).name.split("/")[0] in ("right", "left")
     moves, spared = model.body_weldid[body] != 0, model.body_gravcomp[body] == 1.0
     return bool(moves and not part_of_a_hand and not spared)
