@@ -68,7 +68,7 @@ def run_line(**changes):
     line = dict.fromkeys(RUN_COLUMNS, "0") | {
         "suite": "s", "task": "Quadcopter", "method": "porse", "ablation": "none", "variant": "", "seed": "1", "author": "grammar",
         "mts": "-0.25", "score": "-0.5", "success": "-0.75", "epochs_spent": "1000", "epochs_allowed": "2000", "functions": "12",
-        "valid_functions": "9", "curves": "aa",
+        "valid_functions": "9", "curves": "aa", "evaluation_mts_mean": "",
     } | {name: str(value) for name, value in changes.items()}  # fmt: skip
     name = line["method"] if line["ablation"] == "none" else f"{line['method']}-{line['ablation']}"
     return line | {"entry": f"{line['task']}-{name}-{line['seed']}"}
@@ -133,6 +133,9 @@ def test_a_row_has_what_the_run_reached(tmp_path):
     assert [float(line["beta"]) for line in found.winners] == pytest.approx(
         [line["beta"] for line in iterations], rel=1e-5
     )
+    # One further seed: its highest fitness of any epoch.
+    further = tables.read(tmp_path / "run" / "results" / "evaluation.parquet", tables.EVALUATION)
+    assert float(row["evaluation_mts_mean"]) == pytest.approx(max(line["fitness"] for line in further), rel=1e-5)
     assert len(row["curves"]) == 16
 
 
@@ -157,6 +160,66 @@ def test_the_page_has_a_row_for_each_method_with_the_paper_beside_it():
     assert sorted(pictures) == ["s-Quadcopter.svg", "t-Quadcopter.svg", "u-Quadcopter.svg"]
     assert "## Table 5" in text
     assert "not run; paper -0.067" in text
+
+
+def rows_of_group(name, runs):
+    """Returns the cells of the page's table of a suite and a task, by method and column."""
+    text, _ = page(Evidence(runs, [winner_line(run, 1, run["mts"]) for run in runs]))
+    lines = [
+        line for line in text.partition(f"## {name}\n")[2].partition("\n![")[0].splitlines() if line.startswith("|")
+    ]
+    names, _, *cells = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
+    return {line[0]: dict(zip(names, line, strict=True)) for line in cells}
+
+
+def test_each_row_is_compared_with_porses_runs_by_its_own_author():
+    runs = [
+        run_line(author="nobody", method="human", mts=-0.3),
+        run_line(author="grammar", seed=1, mts=-0.5),
+        run_line(author="grammar", seed=2, mts=-0.2),
+        run_line(author="grammar", seed=3, mts=-0.1),
+        run_line(author="model", method="roska", mts=-0.3),
+        run_line(author="grammar", method="eureka", mts=-0.6),
+        run_line(author="model", suite="t", seed=1, mts=-0.25),
+        run_line(author="model", suite="t", seed=2, mts=-0.75),
+        run_line(author="nobody", method="sparse", suite="t", mts=-0.4),
+        run_line(author="nobody", method="sparse", suite="alone", task="Over", mts=-0.4),
+    ]
+    found = rows_of_group("s: Quadcopter", runs)
+    # The first author of the group is the grammar: two of its three beat -0.3. Of the model's two, in the other suite, one does.
+    assert {name: row["better"] for name, row in found.items()} == {
+        "human": "0.667", "porse": "", "roska": "0.5", "eureka": "1",
+    }  # fmt: skip
+    # There the first author is the model.
+    assert rows_of_group("t: Quadcopter", runs)["sparse"]["better"] == "0.5"
+    assert rows_of_group("alone: Over", runs)["sparse"]["better"] == ""
+
+
+def test_a_score_that_is_a_maximum_is_marked_and_a_figure_that_compares_is_shown_where_runs_have_it():
+    runs = [
+        run_line(seed=1, score=-0.5),
+        run_line(seed=2, score=-0.25),
+        run_line(method="eureka", score=-0.75),
+        run_line(method="revolve-auto", score=-0.875),
+        run_line(method="human", author="nobody", score=-1),
+    ]
+    found = rows_of_group("s: Quadcopter", runs)
+    assert {name: row["score"] for name, row in found.items()} == {
+        "porse": "-0.375 ± 0.177", "eureka": "-0.750 max", "revolve-auto": "-0.875 max", "human": "-1.000",
+    }  # fmt: skip
+    assert "further MTS" not in found["porse"]
+    # The second seed of PoRSE has one since it is kept; the first and REvolve's run are from before.
+    later = [
+        runs[0],
+        runs[1] | {"evaluation_mts_mean": "-0.3125"},
+        runs[2] | {"evaluation_mts_mean": "-0.5"},
+        *runs[3:],
+    ]
+    found = rows_of_group("s: Quadcopter", later)
+    assert {name: row["further MTS"] for name, row in found.items()} == {
+        "porse": "-0.312", "eureka": "-0.500", "revolve-auto": "", "human": "",
+    }  # fmt: skip
+    assert found["porse"]["final"] == "-0.750 ± 0.000"
 
 
 def test_a_table_of_the_paper_has_a_row_for_each_author_and_everybodys_references():
