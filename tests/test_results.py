@@ -1,5 +1,8 @@
 """The page of results: its statistics worked out by hand, its tables that grow, and that the committed page is current."""
 
+import re
+from statistics import fmean
+
 import pytest
 
 import kills
@@ -321,3 +324,94 @@ def test_every_run_of_a_suite_is_on_the_page_and_the_page_is_current(root):
     keys = [(line["suite"], line["entry"]) for line in found.runs]
     assert len(set(keys)) == len(keys)
     assert {(line["suite"], line["entry"]) for line in found.winners} == set(keys)
+
+
+WORDS = {
+    "PoRSE": ("porse", "none", ""),
+    "PoRSE without bonus": ("porse", "without-bonus", ""),
+    "Eureka": ("eureka", "none", ""),
+    "REvolve": ("revolve-auto", "none", ""),
+    "ROSKA": ("roska", "none", ""),
+    "LLMCount": ("llmcount", "none", ""),
+    "human": ("human", "none", ""),
+    "sparse": ("sparse", "none", ""),
+    "without fusion": ("porse", "without-fusion", ""),
+    "without bonus": ("porse", "without-bonus", ""),
+    "SimHash cells": ("simhash", "none", ""),
+    "2000 cells": ("porse", "cells-2000", ""),
+    "3000 cells": ("porse", "cells-3000", ""),
+    "weights sum to 1": ("porse", "weights-sum-to-1", ""),
+    "spliced mappings": ("porse", "spliced-mapping", ""),
+    "fixed alpha": ("porse", "fixed-alpha", ""),
+    "fixed beta": ("porse", "fixed-beta", ""),
+    "without goal reward": ("porse", "without-goal-reward", ""),
+    "with its best winner as incumbent": ("porse", "none", "incumbent-best"),
+}
+"""What docs/results.md calls a method, an ablation and a variant."""
+
+
+def measured(found, own, full):
+    """Returns the numbers of each cell of the page's tables in words, and whether they are maxima.
+
+    Args:
+        found: the tables.
+        own: the rows of a method's runs on a task, by seed.
+        full: those of PoRSE's.
+    """
+    mts = {seed: float(row["mts"]) for seed, row in own.items()}
+    scores = [float(row["score"]) for row in own.values()]
+    above = sum(float(full[seed]["mts"]) > value for seed, value in mts.items() if seed in full)
+    row = own["1"]
+    again = [row["evaluation_score_mean"], row["evaluation_score_std"]]
+    won = [line for line in found.winners if (line["suite"], line["entry"]) == (row["suite"], row["entry"])]
+    return {
+        **{name: [mts[seed]] for seed in mts for name in (seed, f"seed {seed}", f"MTS, seed {seed}")},
+        "MTS": [mts["1"]],
+        "mean": [fmean(mts.values())],
+        "PoRSE above": [above, len(mts)],
+        "score": [scores[0]],
+        "score, mean": [fmean(scores)],
+        "score with three further seeds": [float(value) for value in again if value],
+        "final": [float(row["success"])],
+        "MTS by iteration": [float(line["mts"]) for line in won],
+    }
+
+
+@pytest.mark.parametrize(
+    ("section", "suites"),
+    [
+        *(
+            (f"Methods: {task}", ["methods"])
+            for task in ("Quadcopter", "FrankaCabinet", "DoorOpenOutward", "PushBlock")
+        ),
+        *((f"Parts of PoRSE: {task}", ["mechanisms", "ablations"]) for task in ("Quadcopter", "PushBlock")),
+    ],
+)
+def test_the_page_in_words_has_the_tables_numbers_and_marks_maxima(section, suites, root):
+    found = read_evidence(root / "docs" / FOLDER)
+    text = (
+        (root / "docs" / "results.md")
+        .read_text(encoding="utf-8")
+        .partition(f"\n## {section}\n")[2]
+        .partition("\n## ")[0]
+    )
+    names, _, *lines = (
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")
+    )
+    runs = [row for row in found.runs if row["suite"] in suites and row["task"] == section.rpartition(" ")[2]]
+    by_name = {
+        name: {row["seed"]: row for row in runs if (row["method"], row["ablation"], row["variant"]) == what}
+        for name, what in WORDS.items()
+    }
+    assert {line[0] for line in lines} <= {name for name, own in by_name.items() if own}
+    checked = 0
+    for label, *cells in lines:
+        expected = measured(found, by_name[label], by_name["PoRSE"])
+        for name, cell in zip(names[1:], cells, strict=True):
+            numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", cell)]
+            if numbers and name in expected:
+                assert numbers == pytest.approx(expected[name], abs=0.00050001), (label, name)
+                checked += len(numbers)
+            if numbers and name.startswith("score"):
+                assert cell.endswith(" max") == (label in ("Eureka", "REvolve")), (label, name)
+    assert checked > 20
