@@ -64,6 +64,17 @@ def test_a_row_of_another_run_is_noticed(copied):
         read_results(copied)
 
 
+def test_episodes_of_another_candidate_than_the_winner_are_noticed(copied):
+    winner = read_results(copied).evaluation.chain[-1]["candidate_id"]
+    candidates = tables.read(copied / "results" / "candidates.parquet", tables.CANDIDATES)
+    other = next(row["candidate_id"] for row in candidates if row["candidate_id"] != winner)
+    path = copied / "results" / "episodes.parquet"
+    first, *others = tables.read(path, tables.EPISODES)
+    tables.write(path, tables.EPISODES, [{**first, "candidate_id": other}, *others])
+    with pytest.raises(PorseError, match=f"found candidate {other} in episodes, where {winner} is the run's winner"):
+        read_results(copied)
+
+
 def test_commands_that_read_a_run_say_so(copied, root, monkeypatch):
     monkeypatch.chdir(root)
     path = copied / "results" / "curves.parquet"

@@ -82,6 +82,10 @@ def prompts():
     ]
     survivor = {"beta": 1.3, "alpha": 0.8}
     found["beta"] = beta_question(survivor, shown_series(curves, "a", WEIGHED), first.about, params, ROOT / "prompts")
+    human = dataclasses.replace(params, candidate=dataclasses.replace(params.candidate, goal="human"))
+    # The human reward has no components.
+    shown = [series for series in shown_series(curves, "a", WEIGHED) if not series.name.startswith("component/")]
+    found["beta-human"] = beta_question(survivor, shown, first.about, human, ROOT / "prompts")
     found["alpha"] = alpha_question(survivor, series_of(FEEDBACK, STAGED), first.about, params, ROOT / "prompts")
     return found
 
@@ -103,6 +107,7 @@ def text(messages):
         "reward-crossover",
         "repair",
         "beta",
+        "beta-human",
         "alpha",
     ],
 )

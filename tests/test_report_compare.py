@@ -1,6 +1,7 @@
 """`porse report --compare`: figures worked out by hand, in every form, from folders and from a suite."""
 
 import csv
+import dataclasses
 import html
 import re
 import shutil
@@ -19,6 +20,7 @@ from porse.errors import PorseError
 from porse.generation.states import checker
 from porse.report.intervals import SIDE, WIDTH, Interval, intervals
 from porse.report.results import read_figures
+from porse.report.trends import read_finished
 from porse.reporting.compare import comparison
 from porse.reporting.forms import csv_of, mean_text
 from porse.reporting.sources import read_sources
@@ -118,6 +120,27 @@ def test_bands_and_means_of_a_chart_are_over_the_seeds(runs):
     assert (low, y, high) == (-0.5, -0.375, -0.25)
     (chart,) = shown.by_epoch
     assert [x for x, _ in chart.lines[0].points] == list(range(1, len(chart.lines[0].points) + 1))
+
+
+def test_the_mts_so_far_never_falls_although_an_iteration_may(finished, tmp_path, root, monkeypatch):
+    """Three iterations of 1, 4 and 2, and two of 3 and 0.5: so far 1, 4, 4 and 3, 3."""
+    monkeypatch.chdir(root)
+    reached = {
+        copied(finished, tmp_path / str(seed), 0.0, method="porse", seed=seed): mts
+        for seed, mts in ((1, (1.0, 4.0, 2.0)), (2, (3.0, 0.5)))
+    }
+
+    def read(folder, variant):
+        run = read_finished(folder, variant)
+        rows = [{**run.iterations[0], "iteration": n, "mts": mts} for n, mts in enumerate(reached[folder], 1)]
+        return dataclasses.replace(run, iterations=rows)
+
+    monkeypatch.setattr("porse.reporting.compare.read_finished", read)
+    (chart,) = comparison(read_sources([*reached]), "").by_iteration
+    (line,) = chart.lines
+    # (1 + 3) / 2, (4 + 3) / 2, and 4 of the one that has a third.
+    assert line.points == [(1, 2.0), (2, 3.5), (3, 4.0)]
+    assert line.band == [(1, 1.0, 3.0), (2, 3.0, 4.0), (3, 4.0, 4.0)]
 
 
 def report(*arguments):

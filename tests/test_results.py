@@ -1,5 +1,8 @@
 """The page of results: its statistics worked out by hand, its tables that grow, and that the committed page is current."""
 
+import re
+from statistics import fmean
+
 import pytest
 
 import kills
@@ -68,7 +71,7 @@ def run_line(**changes):
     line = dict.fromkeys(RUN_COLUMNS, "0") | {
         "suite": "s", "task": "Quadcopter", "method": "porse", "ablation": "none", "variant": "", "seed": "1", "author": "grammar",
         "mts": "-0.25", "score": "-0.5", "success": "-0.75", "epochs_spent": "1000", "epochs_allowed": "2000", "functions": "12",
-        "valid_functions": "9", "curves": "aa",
+        "valid_functions": "9", "curves": "aa", "evaluation_mts_mean": "",
     } | {name: str(value) for name, value in changes.items()}  # fmt: skip
     name = line["method"] if line["ablation"] == "none" else f"{line['method']}-{line['ablation']}"
     return line | {"entry": f"{line['task']}-{name}-{line['seed']}"}
@@ -133,6 +136,9 @@ def test_a_row_has_what_the_run_reached(tmp_path):
     assert [float(line["beta"]) for line in found.winners] == pytest.approx(
         [line["beta"] for line in iterations], rel=1e-5
     )
+    # One further seed: its highest fitness of any epoch.
+    further = tables.read(tmp_path / "run" / "results" / "evaluation.parquet", tables.EVALUATION)
+    assert float(row["evaluation_mts_mean"]) == pytest.approx(max(line["fitness"] for line in further), rel=1e-5)
     assert len(row["curves"]) == 16
 
 
@@ -157,6 +163,66 @@ def test_the_page_has_a_row_for_each_method_with_the_paper_beside_it():
     assert sorted(pictures) == ["s-Quadcopter.svg", "t-Quadcopter.svg", "u-Quadcopter.svg"]
     assert "## Table 5" in text
     assert "not run; paper -0.067" in text
+
+
+def rows_of_group(name, runs):
+    """Returns the cells of the page's table of a suite and a task, by method and column."""
+    text, _ = page(Evidence(runs, [winner_line(run, 1, run["mts"]) for run in runs]))
+    lines = [
+        line for line in text.partition(f"## {name}\n")[2].partition("\n![")[0].splitlines() if line.startswith("|")
+    ]
+    names, _, *cells = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
+    return {line[0]: dict(zip(names, line, strict=True)) for line in cells}
+
+
+def test_each_row_is_compared_with_porses_runs_by_its_own_author():
+    runs = [
+        run_line(author="nobody", method="human", mts=-0.3),
+        run_line(author="grammar", seed=1, mts=-0.5),
+        run_line(author="grammar", seed=2, mts=-0.2),
+        run_line(author="grammar", seed=3, mts=-0.1),
+        run_line(author="model", method="roska", mts=-0.3),
+        run_line(author="grammar", method="eureka", mts=-0.6),
+        run_line(author="model", suite="t", seed=1, mts=-0.25),
+        run_line(author="model", suite="t", seed=2, mts=-0.75),
+        run_line(author="nobody", method="sparse", suite="t", mts=-0.4),
+        run_line(author="nobody", method="sparse", suite="alone", task="Over", mts=-0.4),
+    ]
+    found = rows_of_group("s: Quadcopter", runs)
+    # The first author of the group is the grammar: two of its three beat -0.3. Of the model's two, in the other suite, one does.
+    assert {name: row["better"] for name, row in found.items()} == {
+        "human": "0.667", "porse": "", "roska": "0.5", "eureka": "1",
+    }  # fmt: skip
+    # There the first author is the model.
+    assert rows_of_group("t: Quadcopter", runs)["sparse"]["better"] == "0.5"
+    assert rows_of_group("alone: Over", runs)["sparse"]["better"] == ""
+
+
+def test_a_score_that_is_a_maximum_is_marked_and_a_figure_that_compares_is_shown_where_runs_have_it():
+    runs = [
+        run_line(seed=1, score=-0.5),
+        run_line(seed=2, score=-0.25),
+        run_line(method="eureka", score=-0.75),
+        run_line(method="revolve-auto", score=-0.875),
+        run_line(method="human", author="nobody", score=-1),
+    ]
+    found = rows_of_group("s: Quadcopter", runs)
+    assert {name: row["score"] for name, row in found.items()} == {
+        "porse": "-0.375 ± 0.177", "eureka": "-0.750 max", "revolve-auto": "-0.875 max", "human": "-1.000",
+    }  # fmt: skip
+    assert "further MTS" not in found["porse"]
+    # The second seed of PoRSE has one since it is kept; the first and REvolve's run are from before.
+    later = [
+        runs[0],
+        runs[1] | {"evaluation_mts_mean": "-0.3125"},
+        runs[2] | {"evaluation_mts_mean": "-0.5"},
+        *runs[3:],
+    ]
+    found = rows_of_group("s: Quadcopter", later)
+    assert {name: row["further MTS"] for name, row in found.items()} == {
+        "porse": "-0.312", "eureka": "-0.500", "revolve-auto": "", "human": "",
+    }  # fmt: skip
+    assert found["porse"]["final"] == "-0.750 ± 0.000"
 
 
 def test_a_table_of_the_paper_has_a_row_for_each_author_and_everybodys_references():
@@ -258,3 +324,94 @@ def test_every_run_of_a_suite_is_on_the_page_and_the_page_is_current(root):
     keys = [(line["suite"], line["entry"]) for line in found.runs]
     assert len(set(keys)) == len(keys)
     assert {(line["suite"], line["entry"]) for line in found.winners} == set(keys)
+
+
+WORDS = {
+    "PoRSE": ("porse", "none", ""),
+    "PoRSE without bonus": ("porse", "without-bonus", ""),
+    "Eureka": ("eureka", "none", ""),
+    "REvolve": ("revolve-auto", "none", ""),
+    "ROSKA": ("roska", "none", ""),
+    "LLMCount": ("llmcount", "none", ""),
+    "human": ("human", "none", ""),
+    "sparse": ("sparse", "none", ""),
+    "without fusion": ("porse", "without-fusion", ""),
+    "without bonus": ("porse", "without-bonus", ""),
+    "SimHash cells": ("simhash", "none", ""),
+    "2000 cells": ("porse", "cells-2000", ""),
+    "3000 cells": ("porse", "cells-3000", ""),
+    "weights sum to 1": ("porse", "weights-sum-to-1", ""),
+    "spliced mappings": ("porse", "spliced-mapping", ""),
+    "fixed alpha": ("porse", "fixed-alpha", ""),
+    "fixed beta": ("porse", "fixed-beta", ""),
+    "without goal reward": ("porse", "without-goal-reward", ""),
+    "with its best winner as incumbent": ("porse", "none", "incumbent-best"),
+}
+"""What docs/results.md calls a method, an ablation and a variant."""
+
+
+def measured(found, own, full):
+    """Returns the numbers of each cell of the page's tables in words, and whether they are maxima.
+
+    Args:
+        found: the tables.
+        own: the rows of a method's runs on a task, by seed.
+        full: those of PoRSE's.
+    """
+    mts = {seed: float(row["mts"]) for seed, row in own.items()}
+    scores = [float(row["score"]) for row in own.values()]
+    above = sum(float(full[seed]["mts"]) > value for seed, value in mts.items() if seed in full)
+    row = own["1"]
+    again = [row["evaluation_score_mean"], row["evaluation_score_std"]]
+    won = [line for line in found.winners if (line["suite"], line["entry"]) == (row["suite"], row["entry"])]
+    return {
+        **{name: [mts[seed]] for seed in mts for name in (seed, f"seed {seed}", f"MTS, seed {seed}")},
+        "MTS": [mts["1"]],
+        "mean": [fmean(mts.values())],
+        "PoRSE above": [above, len(mts)],
+        "score": [scores[0]],
+        "score, mean": [fmean(scores)],
+        "score with three further seeds": [float(value) for value in again if value],
+        "final": [float(row["success"])],
+        "MTS by iteration": [float(line["mts"]) for line in won],
+    }
+
+
+@pytest.mark.parametrize(
+    ("section", "suites"),
+    [
+        *(
+            (f"Methods: {task}", ["methods"])
+            for task in ("Quadcopter", "FrankaCabinet", "DoorOpenOutward", "PushBlock")
+        ),
+        *((f"Parts of PoRSE: {task}", ["mechanisms", "ablations"]) for task in ("Quadcopter", "PushBlock")),
+    ],
+)
+def test_the_page_in_words_has_the_tables_numbers_and_marks_maxima(section, suites, root):
+    found = read_evidence(root / "docs" / FOLDER)
+    text = (
+        (root / "docs" / "results.md")
+        .read_text(encoding="utf-8")
+        .partition(f"\n## {section}\n")[2]
+        .partition("\n## ")[0]
+    )
+    names, _, *lines = (
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")
+    )
+    runs = [row for row in found.runs if row["suite"] in suites and row["task"] == section.rpartition(" ")[2]]
+    by_name = {
+        name: {row["seed"]: row for row in runs if (row["method"], row["ablation"], row["variant"]) == what}
+        for name, what in WORDS.items()
+    }
+    assert {line[0] for line in lines} <= {name for name, own in by_name.items() if own}
+    checked = 0
+    for label, *cells in lines:
+        expected = measured(found, by_name[label], by_name["PoRSE"])
+        for name, cell in zip(names[1:], cells, strict=True):
+            numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", cell)]
+            if numbers and name in expected:
+                assert numbers == pytest.approx(expected[name], abs=0.00050001), (label, name)
+                checked += len(numbers)
+            if numbers and name.startswith("score"):
+                assert cell.endswith(" max") == (label in ("Eureka", "REvolve")), (label, name)
+    assert checked > 20

@@ -4,14 +4,17 @@ import csv
 import json
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
+from meaning_cases import row_of
 from porse import tables
 from porse.cli import main
 from porse.errors import PorseError
 from porse.report.figures import spread
-from porse.suite.compare import Figure, paired
+from porse.suite.compare import Figure, mean_interval, paired
 from porse.suite.folders import folders_of, read_json, write_json
+from tiny import committed_params
 
 SUITE = """
 name: sizes
@@ -24,30 +27,54 @@ SCORES = {"none-3": 0.25, "none-4": 0.5, "some-3": 0.75, "some-4": 0.75, "some-8
 """Seed 8 of the baseline is not done."""
 
 
+WINNER, LOSER = "b2", "c3"
+
+
 @pytest.fixture
-def sizes(tmp_path, monkeypatch):
+def sizes(tmp_path, root, monkeypatch):
     monkeypatch.setattr("porse.suite.compare.read_figures", lambda folder: read_json(folder / "figures.json"))
     (tmp_path / "sizes.yaml").write_text(SUITE)
+    (tmp_path / "presets").symlink_to(root / "presets")
     for name, score in SCORES.items():
         result = folders_of("sizes", tmp_path).result(f"Quadcopter-porse-{name}")
         write_json(result / "figures.json", {"score": score, "success": 2.0 * score, "valid_share": None})
         write_json(result / "done.json", {})
-        # Twelve epochs, of which the last ten count: 3, 4, ..., 12.
-        rows = [
-            {
-                "iteration": 1,
-                "rung": "1",
-                "candidate_id": "a1",
-                "series": "progress/way",
-                "epoch": epoch,
-                "value": epoch * score,
-            }
-            for epoch in range(1, 13)
-        ]
-        (result / "results").mkdir()
-        tables.write(result / "results" / "curves.parquet", tables.CURVES, rows)
+        (result / "params.yaml").write_text(yaml.safe_dump(committed_params()))
+        write_tables(result / "results", score)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def write_tables(folder, score):
+    """Two iterations won by one candidate, as an elite may; in the second beside another one that was trained as long.
+
+    In the second iteration the winner was trained for twelve epochs, of which the last ten count: 3, 4, ..., 12. In the first it
+    got further, in more epochs; so did the other one.
+    """
+    trained = [(1, 0, WINNER, 14, 100.0), (2, 0, WINNER, 12, 1.0), (2, 1, LOSER, 12, -30.0)]
+    winners = [{"iteration": n, "winner_id": WINNER} for n in (1, 2)]
+    candidates = [
+        {"iteration": n, "slot": slot, "candidate_id": name, "epochs": epochs} for n, slot, name, epochs, _ in trained
+    ]
+    curves = [
+        {
+            "iteration": n,
+            "rung": "1",
+            "candidate_id": name,
+            "series": series,
+            "epoch": epoch,
+            "value": factor * epoch * score,
+        }
+        for n, _, name, epochs, factor in trained
+        for series in ("progress/way", *(["progress/other"] if name == LOSER else []))
+        for epoch in range(1, epochs + 1)
+    ]
+    folder.mkdir()
+    for table, rows in (
+        (tables.ITERATIONS, winners), (tables.CANDIDATES, candidates), (tables.CURVES, curves), (tables.EVALUATION, []),
+        (tables.SEEDS, []), (tables.EPISODES, []),
+    ):  # fmt: skip
+        tables.write(folder / f"{table.name}.parquet", table, [row_of(table, **row) for row in rows])
 
 
 def compare(*arguments: str):
@@ -79,8 +106,9 @@ def test_an_unknown_baseline_or_figure_is_named(sizes):
     assert "expected a variant of the suite sizes, found 'non'; it has none, some" in str(
         compare("--baseline", "non").output
     )
+    # The series of another candidate is none of the winner's.
     with pytest.raises(
-        PorseError, match=r"expected scores to be .* its figures are score, success, its series progress/way"
+        PorseError, match=r"expected scores to be .* its figures are score, success, its series progress/way$"
     ):
         Figure("scores").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8"))
 
@@ -90,6 +118,17 @@ def test_the_interval_of_paired_differences_covers_their_mean_and_is_the_same_ev
     assert found["difference"] == pytest.approx(0.25)
     assert 0.1 < found["low"] < 0.25 < found["high"] < 0.4
     assert found == paired([0.1, 0.4, 0.2, 0.25, 0.3])
+
+
+def test_the_interval_corrects_for_bias_and_skew():
+    """BCa by hand, of the 27 resamples of 1, 2 and 9.
+
+    The least mean, 1, has 1 of them, 3.7 %, and the next, (1 + 1 + 2) / 3, has 3 more: percentiles of 2.5 and 97.5 % are 1 and 9.
+    Below the mean, 4, are 11 and at it 6: bias z = Phi^-1(14 / 27) = 0.046. The means without one value are 1.5 and 1 above it and
+    2.5 below it: acceleration a = (2.5^3 - 1.5^3 - 1^3) / (6 (2.5^2 + 1.5^2 + 1^2)^1.5) = 0.064. So the lower level is
+    Phi(z + (z - 1.96) / (1 - a (z - 1.96))) = Phi(-1.66) = 4.9 %, which is the next mean; the upper one is 99 %.
+    """
+    assert mean_interval([1.0, 9.0, 2.0]) == (4.0, pytest.approx(4 / 3), 9.0)
 
 
 def test_few_pairs_have_no_interval_and_equal_ones_one_point():

@@ -167,6 +167,9 @@ def _evaluation(run: Run, evaluation: Evaluation, params: Params) -> Iterator[st
     episodes = [row["episode"] for row in evaluation.episodes]
     if episodes != [*range(params.evaluate.episodes)]:
         yield f"{len(episodes)} episodes of evaluate.episodes = {params.evaluate.episodes} in episodes"
+    winner = evaluation.chain[-1]["candidate_id"]
+    if others := sorted({row["candidate_id"] for row in evaluation.episodes} - {winner}):
+        yield f"candidate {others[0]} in episodes, where {winner} is the run's winner"
     seeds = [row["seed"] for row in evaluation.seeds]
     if seeds != [*range(1, params.evaluate.seeds + 1)]:
         yield f"the seeds {seeds} in seeds, with evaluate.seeds = {params.evaluate.seeds}"

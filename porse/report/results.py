@@ -77,6 +77,18 @@ def read_figures(folder: Path) -> dict[str, Any]:
     return run_figures(iterations, evaluation, params)
 
 
+def read_winner(folder: Path) -> Row:
+    """Returns the winner of the finished run in `folder`: its row of the candidates table.
+
+    Raises:
+        ParamsError: there are no parameters, or they are wrong.
+        TableError: a table is missing or is not as declared.
+        PorseError: the run had no iteration.
+    """
+    *_, evaluation = _answer(folder)
+    return evaluation.chain[-1]
+
+
 def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Evaluation]:
     """Returns parameters, rows of iterations, of candidates and of incumbents, and the evaluation."""
     params = load_params(folder / "params.yaml", presets_root(folder))

@@ -31,10 +31,13 @@ Line = Mapping[str, str]
 RUNS, WINNERS = "runs.csv", "winners.csv"
 RUN_COLUMNS = (
     "suite", "entry", "task", "method", "ablation", "variant", "seed", "author", "score", "mts", "success", "success_low",
-    "success_high", "evaluation_score_mean", "evaluation_score_std", "evaluation_seeds", "epochs_spent", "epochs_allowed",
-    "environment_steps", "functions", "valid_functions", "curves",
+    "success_high", "evaluation_score_mean", "evaluation_score_std", "evaluation_mts_mean", "evaluation_seeds", "epochs_spent",
+    "epochs_allowed", "environment_steps", "functions", "valid_functions", "curves",
 )  # fmt: skip
-"""`author` is `model`, `grammar`, `files` or `nobody`, `curves` a hash; the others are figures of `porse.report.figures`."""
+"""`author` is `model`, `grammar`, `files` or `nobody`, `curves` a hash; the others are figures of `porse.report.figures`.
+
+A figure that is undefined is an empty cell, as is the MTS with further seeds of runs from before it was kept.
+"""
 WINNER_COLUMNS = ("suite", "entry", "iteration", "score", "mts", "beta", "alpha")
 
 

@@ -50,8 +50,8 @@ def tables_without_a_task(found: Evidence) -> Mapping[int, Sequence[str]]:
 
 
 def mean_of(name: str, rows: Sequence[Row]) -> str:
-    """Returns the mean of a column, with its deviation where there are several rows; empty for a column without values."""
-    found = spread(name, [float(row[name]) for row in rows])
+    """Returns the mean of a column, with its deviation where there are several values; empty for a column without any."""
+    found = spread(name, [float(row[name]) for row in rows if row[name]])
     mean = found[f"{name}_mean"]
     return "" if mean is None else mean_text(mean, found[f"{name}_std"])
 

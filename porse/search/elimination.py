@@ -30,6 +30,8 @@ class Score:
 def score_of(fitness: Sequence[float], params: EliminateParams) -> float:
     """Returns the score of a training, the one number that ranks it wherever trainings are compared.
 
+    ROSKA's probes and REvolve's members alone are compared by their highest fitness instead.
+
     Args:
         fitness: of its epochs, in their order; at least one.
         params: eliminate.score says which: the `mean` over the last eliminate.window epochs, or the `max` over all, its MTS.

@@ -14,7 +14,7 @@ from scipy.stats import bootstrap
 from porse import tables
 from porse.errors import PorseError
 from porse.report.figures import spread
-from porse.report.results import read_figures
+from porse.report.results import read_figures, read_winner
 from porse.suite.folders import Folders
 from porse.suite.plan import Entry, Suite
 from porse.suite.status import aligned
@@ -35,7 +35,7 @@ class Figure:
 
     Attributes:
         name: one of `porse.report.figures.run_figures`, as `score` or `success`, or a series of the curves, as
-            `progress/opening`, of the candidate that was trained longest.
+            `progress/opening`, of the run's winner in the iteration that it won.
     """
 
     name: str
@@ -50,7 +50,9 @@ class Figure:
         figures = read_figures(result)
         if figures.get(self.name) is not None:
             return float(figures[self.name])
-        rows = tables.read(result / "results" / "curves.parquet", tables.CURVES)
+        winner = read_winner(result)
+        curves = tables.read(result / "results" / "curves.parquet", tables.CURVES)
+        rows = [row for row in curves if all(row[name] == winner[name] for name in ("iteration", "candidate_id"))]
         series = sorted((row["epoch"], row["value"]) for row in rows if row["series"] == self.name)
         if not series:
             names = ", ".join(sorted({row["series"] for row in rows}))
