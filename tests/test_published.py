@@ -16,11 +16,13 @@ from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, Thread
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
+from safetensors.numpy import save_file
 
 from porse import tables
 from porse.cli import main
@@ -493,6 +495,62 @@ def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project
 def test_texts_that_are_no_such_texts_are_refused_by_name(tiny_run, project, name, text):
     (tiny_run / name).write_text(text)
     assert name in refusal(tiny_run, project)
+
+
+TITLE = "\x1b]0;mine\x07\x9b2J\ntiny: 34 of 34 outputs identical"
+UNSEEN = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("inputs/generate.json", "files"),
+        ("inputs/generate.json", "parameters"),
+        ("inputs/generate.json", "value"),
+        ("logs/environment.json", "name"),
+        ("logs/environment.json", "value"),
+    ],
+)
+def test_names_and_values_that_a_terminal_would_obey_are_refused_by_the_files_name(tiny_run, project, name, place):
+    path = tiny_run / name
+    document = json.loads(path.read_text())
+    if place == "files":
+        document["files"][TITLE] = "0" * 64
+    elif place == "parameters":
+        document["parameters"]["x"] = {TITLE: 1}
+    elif place == "value" and "parameters" in document:
+        document["parameters"]["x"] = [TITLE]
+    else:
+        document |= {TITLE: "x"} if place == "name" else {"package torch": TITLE}
+    path.write_text(json.dumps(document))
+    found = refusal(tiny_run, project)
+    assert f"without control characters at {tiny_run.parent}" in found
+    assert name in found
+    assert not UNSEEN.search(found)
+
+
+@pytest.mark.parametrize("kind", ["table", "policy", "parameters"])
+def test_no_error_about_a_forged_run_writes_to_the_terminal_more_than_its_signs(tiny_run, inside, tmp_path, kind):
+    if kind == "table":
+        pq.write_table(pa.table({TITLE: [1]}), tiny_run / "results" / "scores.parquet")
+    elif kind == "policy":
+        path = tiny_run / "run" / "result" / "start" / "policies" / "best.safetensors"
+        save_file({f"actor.{TITLE}": np.full((3, 3), np.nan, np.float32)}, path)
+    else:
+        path = tiny_run / "params.yaml"
+        path.write_text(path.read_text() + '"\\e]0;mine\\a\\N\\L34 of 34 outputs identical": 1\n')
+    seal(tiny_run)
+    done = porse("replay", str(tiny_run))
+    assert done.exit_code == 1
+    assert done.output.startswith("Error: ")
+    assert done.output.count("\n") == 1
+    assert not UNSEEN.search(done.output.rstrip("\n"))
+
+
+def test_names_in_what_a_replay_says_are_each_on_its_line(params, tmp_path):
+    (said,) = [line for line in causes(tmp_path, params, Changes((TITLE,), ())) if line.startswith("edited")]
+    assert "\\u001b]0;mine\\u0007\\u009b2J\\u000atiny: 34 of 34" in said
+    assert not UNSEEN.search(said)
 
 
 def test_a_text_beyond_its_bound_is_refused_by_name_whatever_it_says(tiny_run, project):

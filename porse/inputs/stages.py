@@ -75,6 +75,7 @@ NO_RESULT: dict[str, str] = {
     "porse/presets/__init__.py": "how parameters are read; their values are inputs",
     "porse/presets/own.py": "as above",
     "porse/presets/rules.py": "as above",
+    "porse/printing.py": "what people see",
     "porse/processes.py": "who ends when",
     "porse/stage.py": "the command line of a stage",
     "porse/task_names.py": "the module that the run's task names is an input",

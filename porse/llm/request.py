@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 from porse.config import LlmParams
 from porse.errors import ParamsError
 from porse.identity import content_id
+from porse.printing import visible
 
 PLAIN_SCHEMA, DIALECT_SCHEMA = 1, 2
 """Versions of the request body: of a request in the common protocol, and of one in a model's dialect.
@@ -184,8 +185,8 @@ class Origin:
     subject: str
 
     def __str__(self) -> str:
-        """Returns the place in words, for messages."""
-        return f"{self.stage}, iteration {self.iteration}, {self.subject}"
+        """Returns the place in words, on one line, for messages."""
+        return visible(f"{self.stage}, iteration {self.iteration}, {self.subject}", keep="")
 
 
 @dataclass(frozen=True)
