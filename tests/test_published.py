@@ -9,11 +9,13 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from socketserver import BaseRequestHandler
 from typing import ClassVar
 
 import numpy as np
@@ -29,7 +31,7 @@ from porse.cli import main
 from porse.errors import PorseError
 from porse.init import make_project as init_project
 from porse.inputs.resolve import Inputs
-from porse.published import check, command
+from porse.published import check, command, fetch
 from porse.published import publish as publishing
 from porse.published.causes import causes
 from porse.published.check import check_content
@@ -611,6 +613,31 @@ def test_a_server_that_sends_something_else_is_refused_by_the_files_name(project
     with served(Lying) as address, pytest.raises(PorseError, match=r"card\.md"):
         receive(f"{address}/tiny", tmp_path / "copy")
     assert not (tmp_path / "copy" / "card.md").exists() or (tmp_path / "copy" / "card.md").stat().st_size < 2**17
+
+
+@pytest.mark.parametrize("way", ["headers", "continue", "body", "silence"])
+def test_the_time_of_a_download_ends_whatever_it_waits_for(tmp_path, monkeypatch, way):
+    monkeypatch.setattr(fetch, "SECONDS", 1)
+    start, more = {
+        "headers": (b"HTTP/1.1 200 OK\r\n", b"X-%d: y\r\n"),
+        "continue": (b"", b"HTTP/1.1 100 Continue\r\nX: %d\r\n\r\n"),
+        "body": (b"HTTP/1.1 200 OK\r\nContent-Length: 100000\r\n\r\n", b"%d"),
+        "silence": (b"", b""),
+    }[way]
+
+    class Trickling(BaseRequestHandler):
+        def handle(self):
+            self.request.recv(65536)
+            self.request.sendall(start)
+            with suppress(OSError):
+                for number in range(200):
+                    self.request.sendall(more and more % number)
+                    time.sleep(0.1)
+
+    began = time.monotonic()
+    with served(Trickling) as address, pytest.raises(PorseError, match="a run that comes within 1 s at http"):
+        receive(f"{address}/tiny", tmp_path / "copy")
+    assert time.monotonic() - began < 8
 
 
 @pytest.mark.parametrize("way", ["folder", "server"])
