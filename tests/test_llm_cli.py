@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,9 +19,11 @@ from click.testing import CliRunner, Result
 from porse.cli import main
 from porse.errors import RepliesPending
 from porse.estimate import llm
+from porse.functions import contract
 from porse.llm.ask import ask
 from porse.llm.record import Record
 from porse.llm.request import Message, Origin
+from porse.llm.sampling import MOST_CHARACTERS
 from porse.llm.store import Store
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
 from tests.llm_server import ChatServer, failing, replying
@@ -387,6 +390,16 @@ def test_what_goes_out_to_be_answered_writes_nothing_to_a_terminal_and_means_the
     line = run("export").stdout
     assert line.isascii()
     assert json.loads(line)["body"]["messages"][0]["content"] == f"a{CLIPBOARD}\U000e0041字"
+
+
+@pytest.mark.parametrize("unit", ["x+", "a;", "f()();"])
+def test_a_reply_beyond_the_contract_is_compared_word_by_word_and_takes_no_time(store: Store, unit: str) -> None:
+    assert MOST_CHARACTERS == contract.MAX_REPLY_CHARACTERS
+    long = unit * (1_800_000 // len(unit)) + "1"
+    store.write_all([record(long), record(f" {long}", sample=1), record(f"{long} 2", sample=2)])
+    started = time.monotonic()
+    assert "3 samples of 1 questions hold 2 different functions" in run("stats").stdout
+    assert time.monotonic() - started < 10
 
 
 def test_diff_of_two_conversations(store: Store) -> None:
