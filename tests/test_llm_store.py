@@ -227,3 +227,18 @@ def test_killed_at_every_step_of_a_refresh(tmp_path: Path) -> None:
         if not killed:
             break
     assert not killed
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "folder"])
+def test_what_is_no_plain_file_is_refused_and_not_waited_for(store: Store, kind: str) -> None:
+    path = store.path(RECORD.key)
+    path.parent.mkdir()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link":
+        path.with_suffix(".elsewhere").write_bytes(RECORD.render())
+        path.symlink_to(path.with_suffix(".elsewhere"))
+    else:
+        path.mkdir()
+    with pytest.raises(CacheError, match=rf"Expected a readable recorded reply, found {path}: \w"):
+        store.read(RECORD.key)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from porse.errors import CacheError
 from porse.llm.record import Record, parse_record
+from porse.paths import open_plain
 
 KEY_PATTERN = re.compile(r"[0-9a-f]{64}")
 SUPERSEDED_PATTERN = re.compile(r"([0-9a-f]{64})\.([1-9][0-9]*)")
@@ -48,11 +49,12 @@ class Store:
         """Returns the record of `key`, its key and payload hash recomputed; None when there is none.
 
         Raises:
-            CacheError: the file is there but is not a whole, unedited record of `key`.
+            CacheError: something is there, and is not a plain file with a whole, unedited record of `key`.
         """
         path = self.path(key)
         try:
-            data = path.read_bytes()
+            with open_plain(path) as file:
+                data = file.read()
         except FileNotFoundError:
             return None
         except OSError as error:
