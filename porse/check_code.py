@@ -10,6 +10,7 @@ import click
 from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.verdict import Kind, Verdict
+from porse.printing import echo
 
 FILE = click.Path(dir_okay=False, allow_dash=True)
 
@@ -28,7 +29,7 @@ def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], a
         raise click.UsageError("expected --reward FILE or --mapping FILE, found neither; name at least one file")
     verdicts = _verdicts(task, [(_read(name), kind) for name, kind in files])
     for (name, kind), verdict in zip(files, verdicts, strict=True):
-        click.echo(json.dumps({"file": name, "kind": kind, **asdict(verdict)}) if as_json else _line(name, verdict))
+        echo(json.dumps({"file": name, "kind": kind, **asdict(verdict)}) if as_json else _line(name, verdict))
     sys.exit(0 if all(verdict.passed for verdict in verdicts) else 1)
 
 

@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 from porse import __version__
 from porse.errors import PorseError
 from porse.paths import at_root
-from porse.printing import print_line
+from porse.printing import echo, print_line
 
 _COMMANDS = {
     "bench": ("porse.bench.command:bench", "Measure how close it is to what its libraries can do."),
@@ -106,7 +106,7 @@ class _Porse(click.Group):
             from porse.stage import HOW_ON
 
             how = {**_HOW_ON, "repro": HOW_ON}.get(ctx.invoked_subcommand or "", _SAME_AGAIN)
-            click.echo(f"\nstopped by Ctrl-C: {how}", err=True)
+            echo(f"\nstopped by Ctrl-C: {how}", err=True)
             # As a shell says it.
             sys.exit(128 + signal.SIGINT)
 

@@ -16,6 +16,7 @@ from porse import numerics
 from porse.config import load_document, parse_params
 from porse.documents import read_yaml, render_yaml
 from porse.errors import PorseError
+from porse.printing import echo
 from porse.report.markdown import results_table
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
@@ -71,24 +72,24 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     from porse.iteration import Place, run
 
     with checker(params) as check:
-        run(params, Place(out, Path("prompts"), Path("llm_cache")), check, click.echo)
+        run(params, Place(out, Path("prompts"), Path("llm_cache")), check, echo)
     write_manifest(out / LOGS)
-    click.echo()
+    echo()
     results = read_results(out)
-    click.echo(results_table(results.iterations, results.figures))
-    click.echo()
+    echo(results_table(results.iterations, results.figures))
+    echo()
     film = no_film(without) if without else winner_film(params, out)
     if film.gif:
         target = out / f"{params.task.replace(':', '.')}.gif"
         target.write_bytes(film.gif)
-        click.echo(f"{target}: the winner")
+        echo(f"{target}: the winner")
     else:
-        click.echo(f"no film: {film.words}", err=True)
+        echo(f"no film: {film.words}", err=True)
     page = out / "report.html"
     page.write_text(render(page_of(results, film)), encoding="utf-8")
-    click.echo(f"{page}: the report")
+    echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
-        click.echo(f"{page}: opened")
+        echo(f"{page}: opened")
 
 
 def _no_renderer() -> str:

@@ -23,6 +23,7 @@ from porse.functions.read.confine import filters_calls
 from porse.llm.store import Store
 from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
+from porse.printing import echo
 from porse.processes import memory_mib
 from porse.repro import has_source_control
 from porse.show import draws
@@ -68,9 +69,9 @@ def doctor(as_json: bool) -> None:
     """Check machine, packages, renderer, recorded replies and folders, and say what to do; exit 1 if a run would fail."""
     findings = examine(Path())
     if as_json:
-        click.echo(json.dumps([asdict(finding) for finding in findings], indent=2))
+        echo(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
-        click.echo(findings_text(findings, shutil.get_terminal_size((100, 24)).columns))
+        echo(findings_text(findings, shutil.get_terminal_size((100, 24)).columns))
     sys.exit(1 if any(finding.state == "problem" for finding in findings) else 0)
 
 

@@ -19,6 +19,7 @@ from porse.errors import ParamsError, PorseError
 from porse.estimate import REPAIRS, estimated, planned_questions
 from porse.llm.store import Store
 from porse.plan import EVALUATE, planned
+from porse.printing import echo
 from porse.search.elimination import how_many_go_on
 from porse.search.lengths import alpha_is_searched, probe_trainings, rung_epochs
 from porse.search.schedule import first_candidates, is_searched, mutants, total_epochs, work
@@ -316,11 +317,11 @@ def estimate(
         at_once, crowd = limits.workers, limits.crowd
     effort = effort_of(params, measure(params, seconds), at_once, crowd, replies, recorded)
     if as_json:
-        click.echo(json.dumps({**dataclasses.asdict(effort), "warning": effort.warning}, indent=2))
+        echo(json.dumps({**dataclasses.asdict(effort), "warning": effort.warning}, indent=2))
     else:
-        click.echo("\n".join(_said(params, effort)))
+        echo("\n".join(_said(params, effort)))
     if effort.warning:
-        click.echo(f"warning: {effort.warning}", err=True)
+        echo(f"warning: {effort.warning}", err=True)
 
 
 def _replies(params: Params, prompts: Path, cache: Path) -> tuple[int, int]:

@@ -21,6 +21,7 @@ from porse.llm.record import Record, cost_usd
 from porse.llm.request import LONGER_FACTOR, Message, Origin, request_of
 from porse.llm.stats import text_table
 from porse.llm.store import Store
+from porse.printing import echo
 
 BYTES_PER_TOKEN = 4.0
 """Of English and code, where nobody counted tokens."""
@@ -95,18 +96,18 @@ def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: P
     if as_json:
         rows = [{**dataclasses.asdict(line), **_numbers([line], params)} for line in lines]
         most = {"requests_at_most": _most(lines, params), "profile": params.llm.profile}
-        click.echo(json.dumps({"lines": rows, "total": {**_numbers(lines, params), **most}}, indent=2))
+        echo(json.dumps({"lines": rows, "total": {**_numbers(lines, params), **most}}, indent=2))
         return
-    click.echo(_table(lines, params))
+    echo(_table(lines, params))
     counted = sum(None not in (record.answer.prompt_tokens, record.answer.completion_tokens) for record in records)
     ledger = totals(store)
-    click.echo()
-    click.echo(_summary(lines, params))
-    click.echo(
+    echo()
+    echo(_summary(lines, params))
+    echo(
         f"sizes: of {len(records)} recorded replies, {counted} with counted tokens; {BYTES_PER_TOKEN:g} bytes are a token "
         "elsewhere, and a reply of which none is recorded is as long as llm.max_tokens"
     )
-    click.echo(f"the ledger of this checkout, which budgets count: {ledger.requests} requests, {ledger.usd:.6f} USD")
+    echo(f"the ledger of this checkout, which budgets count: {ledger.requests} requests, {ledger.usd:.6f} USD")
 
 
 def planned_questions(params: Params, prompts: Path) -> list[Planned]:

@@ -13,6 +13,7 @@ from porse import numerics
 from porse.config import TrainParams, load_document, parse_params
 from porse.errors import PorseError
 from porse.paths import check_target
+from porse.printing import echo
 from porse.report.results import winners_policy
 
 OPSET = 18
@@ -47,7 +48,7 @@ def export(run: Path, form: str | None, path: Path | None, out: Path | None) -> 
     policy = winners_policy(_run_of(run), params) if run.is_dir() else run
     numerics.apply(params.numerics)
     write_policy(target, form, params.task, policy, params.train)
-    click.echo(f"{target}: the policy of {policy}, {target.stat().st_size / 1024:.0f} KiB")
+    echo(f"{target}: the policy of {policy}, {target.stat().st_size / 1024:.0f} KiB")
 
 
 def write_policy(target: Path, form: str, task: str, policy: Path, params: TrainParams) -> None:

@@ -10,6 +10,7 @@ import click
 from porse.config import load_params
 from porse.errors import PorseError
 from porse.pipeline import write_pipeline
+from porse.printing import echo
 
 STARTER = Path(__file__).with_name("starter")
 """The task of a new project, and the list of files that it gets of this one."""
@@ -37,8 +38,8 @@ _CHANGED = {
 def init(folder: Path) -> None:
     """Start a project of your own in DIR: pipeline, prompts, parameters and a task. It uses the installed package."""
     make_project(folder)
-    click.echo(f"{folder}: a project that trains {_TASK}, without a model and without a network")
-    click.echo(f"next: cd {folder}, then run porse demo (a minute) or porse repro; its README.md says more")
+    echo(f"{folder}: a project that trains {_TASK}, without a model and without a network")
+    echo(f"next: cd {folder}, then run porse demo (a minute) or porse repro; its README.md says more")
 
 
 def make_project(folder: Path) -> None:

@@ -1,12 +1,14 @@
-"""Paths that people give to commands: where a file can be written, and which project a command belongs to."""
+"""Paths: where a file can be written, what is a plain file, and which project a command belongs to."""
 
 import copy
+import errno
 import functools
 import os
+import stat
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import click
 from click.core import ParameterSource
@@ -40,6 +42,19 @@ def check_target(path: Path, suffixes: Iterable[str], option: str = "--out") -> 
         raise PorseError(
             f"expected to be allowed to write {path}, found it read-only; name a place of your own with {option}"
         )
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Returns a plain file, opened for reading; it never waits, as the opening of a pipe would.
+
+    Raises:
+        OSError: there is none, or it is a link, a folder, a pipe, a device, or cannot be read.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no plain file", str(path))
+    return os.fdopen(descriptor, "rb")
 
 
 def code_root(root: Path) -> Path:

@@ -14,6 +14,7 @@ from porse.config import Params
 from porse.errors import ParamsError
 from porse.methods import ABLATIONS, METHODS
 from porse.presets import GIVEN
+from porse.printing import echo
 
 FILE = "params.schema.json"
 """Beside `params.yaml`, whose first line names it."""
@@ -48,10 +49,10 @@ def command(check: bool) -> None:
     path, text = Path(FILE), rendered()
     if not check:
         path.write_text(text, encoding="utf-8")
-        click.echo(f"{path}: written")
+        echo(f"{path}: written")
     elif not path.is_file() or path.read_text(encoding="utf-8") != text:
         raise ParamsError(
             f"expected {path} to be the schema of porse/config.py, found it out of date; run `porse schema`"
         )
     else:
-        click.echo(f"{path} is up to date")
+        echo(f"{path} is up to date")

@@ -15,6 +15,7 @@ import click
 from porse.config import load_document, parse_params, presets_root
 from porse.errors import PorseError
 from porse.paths import check_target
+from porse.printing import echo
 from porse.report.results import winners_policy
 
 LONGEST_FILM_S, LONGEST_VIEW_S = 120.0, 86_400.0
@@ -129,7 +130,7 @@ def render(task: str, out: Path, seconds: float, width: int, height: int, view: 
             write_png(out, take(0))
     else:
         write_film(out, shown, random_actor(shown), seconds, Shot(width, height, view))
-    click.echo(f"{out}: {shown.NAME}")
+    echo(f"{out}: {shown.NAME}")
 
 
 @click.command()
@@ -190,7 +191,7 @@ def play(
         return
     target = out or Path(f"{shown.NAME}.gif")
     write_film(target, shown, actor, seconds, Shot(width, height, view))
-    click.echo(f"{target}: {shown.NAME}, {seconds:g} s")
+    echo(f"{target}: {shown.NAME}, {seconds:g} s")
 
 
 def has_display() -> bool:

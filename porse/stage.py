@@ -13,6 +13,7 @@ from porse import numerics
 from porse.config import Params
 from porse.errors import PorseError
 from porse.inputs.resolve import check_unchanged, read_inputs
+from porse.printing import echo, visible
 
 PROGRESS_VARIABLE, PLAN_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN"
 """How progress is shown, and the file that says what the run's stages are: see `porse.training.bar`."""
@@ -32,7 +33,7 @@ class PlainCommand(click.Command):
         try:
             return super().invoke(ctx)
         except PorseError as error:
-            raise click.ClickException(str(error)) from error
+            raise click.ClickException(visible(str(error))) from error
         except KeyboardInterrupt:
             raise click.ClickException(f"stopped by Ctrl-C: {HOW_ON}") from None
 
@@ -52,7 +53,7 @@ class StageCommand(PlainCommand):
         try:
             check_unchanged(Path(), path, ctx.meta[_READ], "while the stage ran")
         except PorseError as error:
-            raise click.ClickException(str(error)) from error
+            raise click.ClickException(visible(str(error))) from error
         return result
 
 
@@ -104,10 +105,10 @@ def say(text: str) -> None:
     if mode == "quiet":
         return
     if mode == "json":
-        click.echo(json.dumps({"event": "stage", "stage": number, "stages": stages, "said": text}))
+        echo(json.dumps({"event": "stage", "stage": number, "stages": stages, "said": text}))
     else:
         for line in text.splitlines():
-            click.echo(f"[{number}/{stages}] {line}" if stages else line)
+            echo(f"[{number}/{stages}] {line}" if stages else line)
     sys.stdout.flush()
 
 

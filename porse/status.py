@@ -19,6 +19,7 @@ from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import lock_files
 from porse.plan import EVALUATE, Planned, planned
+from porse.printing import echo
 from porse.repair import at_work
 
 HOW_ON = {
@@ -136,6 +137,6 @@ def status(as_json: bool) -> None:
     """Print where the pipeline is, what is left, and how to go on."""
     found = status_of(Path())
     if as_json:
-        click.echo(json.dumps({**found.__dict__, "how_on": HOW_ON[found.state]}, indent=2))
+        echo(json.dumps({**found.__dict__, "how_on": HOW_ON[found.state]}, indent=2))
         return
-    click.echo(status_text(found))
+    echo(status_text(found))

@@ -68,7 +68,10 @@ def test_a_comment_in_what_a_run_does_not_use_concerns_no_stage(project, name):
     assert concerned(project, name) == set()
 
 
-@pytest.mark.parametrize("name", ["porse/training/bar.py", "porse/errors.py", "porse/task_names.py", "porse/config.py"])
+@pytest.mark.parametrize(
+    "name",
+    ["porse/training/bar.py", "porse/errors.py", "porse/task_names.py", "porse/config.py", "porse/printing.py"],
+)
 def test_a_comment_in_what_changes_no_result_concerns_no_stage(project, name):
     assert concerned(project, name) == set()
 

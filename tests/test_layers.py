@@ -205,3 +205,27 @@ def test_the_room_of_generated_code_stays_small(root):
     lines = sum(len(path.read_text().splitlines()) for path in (root / "porse" / "functions").rglob("*.py"))
     # 3 000 were set when 84 lines of what is porse/helpers.py today, the originals' helpers, stood in the room.
     assert lines <= 3000 - 84, "find the idea that makes a part needless: docs/decisions.md says what was tried"
+
+
+PRINTS = {
+    "porse/printing.py": "all that people see",
+    "porse/published/check.py": "a protocol: the process that started it reads its lines",
+    "porse/training/bar.py": "bars, and names and reasons that the program gives",
+    "porse/training/local.py": "what a training prints",
+    "porse/training/remote.py": "what a training prints",
+    "porse/warm/client.py": "a sentence of its own",
+}
+"""Who prints by itself, and what."""
+
+PRINTING = {"print", "click.echo", "click.secho", "click.echo_via_pager", "sys.stdout.write", "sys.stderr.write"}
+
+
+def test_all_that_is_printed_goes_through_the_one_place_that_writes_control_characters_out(root):
+    found = {
+        str(path.relative_to(root))
+        for path in [*modules(root), *(root / "stages").glob("*.py")]
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call | ast.Attribute)
+        and ast.unparse(node.func if isinstance(node, ast.Call) else node) in PRINTING
+    }
+    assert found == {*PRINTS}

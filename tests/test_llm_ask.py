@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -309,3 +310,23 @@ def test_pending_file_is_readable(store: Store, monkeypatch: pytest.MonkeyPatch)
     document = json.loads(path.read_text("utf-8"))
     assert document["request"] == REQUEST.body()
     assert document["origin"] == {"stage": "generate", "iteration": 1, "subject": "reward 1"}
+
+
+def test_open_requests_that_find_no_room_are_a_sentence_and_leave_no_half_file(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PORSE_LLM_MODE", "batch")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    (long,) = questions(1, messages=(Message("user", "x" * 2**20),))
+    # As on a full disk: no file may grow beyond this.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**19, before[1]))
+    try:
+        with pytest.raises(
+            CacheError, match=r"Expected to write 3 open requests to .*pending, found: \[Errno"
+        ) as caught:
+            ask([*questions(2), long], params(), store.cache_dir)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert "\n" not in str(caught.value)
+    assert pending_keys(store) == {question.request.key for question in questions(2)}
+    assert len(list((store.state_dir / "pending").iterdir())) == 2

@@ -1,6 +1,8 @@
 """Budgets end a recording before they are passed, whatever goes wrong and however many ask at once."""
 
+import contextlib
 import json
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -8,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from porse.errors import ProviderError
+from porse.errors import CacheError, ProviderError
 from porse.llm import provider
 from porse.llm.ask import ask
 from porse.llm.ledger import Spending, Totals, ledger_path, most_tokens, totals
@@ -195,3 +197,60 @@ def test_processes_side_by_side_do_not_pass_a_budget_together(
     assert len(server.requests) == 13
     assert recorded(store) == 13
     assert totals(store).requests == 13
+
+
+FULL = 4 * 2**20
+"""No file may grow beyond this, as none can on a disk that is full."""
+
+
+@contextlib.contextmanager
+def full_disk() -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FULL, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def fill(store: Store, room: int) -> None:
+    """Leaves a ledger so much room."""
+    ledger_path(store).parent.mkdir(parents=True, exist_ok=True)
+    ledger_path(store).write_bytes(b"x" * (FULL - room - 1) + b"\n")
+
+
+def test_a_paid_reply_is_kept_where_the_ledger_has_no_room_for_its_cost(
+    server: ChatServer, store: Store, caplog: pytest.LogCaptureFixture
+) -> None:
+    # The line before the request fits, the line after it does not.
+    fill(store, 120)
+    with full_disk():
+        (reply,) = ask(questions(1), params(server.url), store.cache_dir)
+    assert reply.text == "text"
+    assert (len(server.requests), recorded(store)) == (1, 1)
+    (said,) = caplog.messages
+    assert f"Expected to write the ledger {ledger_path(store)}, found: [Errno" in said
+    assert said.endswith("What was reserved for the request counts as spent.")
+    found = totals(store)
+    assert (found.requests, found.spending, found.usd) == (1, Spending(0, 0, 0, 0.0), pytest.approx(MOST_USD))
+    # With room again, a line that was cut off is no part of the next one.
+    ask(questions(2), params(server.url), store.cache_dir)
+    assert (totals(store).requests, totals(store).usd) == (2, pytest.approx(MOST_USD + REPLY_USD))
+
+
+def test_nothing_is_sent_where_the_ledger_has_no_room(server: ChatServer, store: Store) -> None:
+    fill(store, 20)
+    with (
+        full_disk(),
+        pytest.raises(CacheError, match=r"Expected to write the ledger .*llm-ledger\.jsonl, found: \[Errno"),
+    ):
+        ask(questions(2), params(server.url), store.cache_dir)
+    assert not server.requests
+    assert len(ask(questions(2), params(server.url), store.cache_dir)) == 2
+
+
+def test_a_refusal_is_told_as_it_is_where_the_ledger_has_no_room_for_it(server: ChatServer, store: Store) -> None:
+    server.script = [failing(401, message="no such key")]
+    fill(store, 120)
+    with full_disk():
+        assert "no such key" in stopped(server, store, 1)

@@ -1,8 +1,11 @@
 """`porse llm` as people use it."""
 
+import dataclasses
 import json
+import re
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,8 +19,11 @@ from click.testing import CliRunner, Result
 from porse.cli import main
 from porse.errors import RepliesPending
 from porse.estimate import llm
+from porse.functions import contract
 from porse.llm.ask import ask
-from porse.llm.request import Message
+from porse.llm.record import Record
+from porse.llm.request import Message, Origin
+from porse.llm.sampling import MOST_CHARACTERS
 from porse.llm.store import Store
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
 from tests.llm_server import ChatServer, failing, replying
@@ -343,6 +349,57 @@ def test_show_prints_an_open_request(store: Store) -> None:
 
 def test_show_of_an_unknown_key(store: Store) -> None:
     assert "found none" in error("show", "abc")
+
+
+TITLE = "\x1b]0;mine\x07"
+CLIPBOARD = "\x1b]52;c;bHM=\x07\x9b2J"
+
+
+def test_no_record_writes_to_the_terminal_more_than_its_signs(store: Store) -> None:
+    """Every text that a stranger's record holds: a title, a clipboard, and a line that looks like one of ours."""
+    forged = f"m{TITLE}\nrecorded: 0 replies"
+    origin = Origin(f"s{CLIPBOARD}\n{'0' * 64}  generate", 1, f"x{TITLE}")
+    answer = dataclasses.replace(RECORD.answer, text=f"text{CLIPBOARD}\n\tdef f(): pass\r\x85")
+    provenance = dataclasses.replace(
+        RECORD.provenance, answered_by=forged, profile=forged, recorded_at=forged, origin=origin
+    )
+    records = [
+        Record(request(model=forged, sample=k, extra={f"a{TITLE}\nb": TITLE}), answer, provenance) for k in range(2)
+    ]
+    store.write_all(records)
+    (store.cache_dir / f"a{TITLE}\nb").touch()
+    key, other = (item.key for item in records)
+    for words in (["show", key], ["stats"], ["stats", "--list"], ["stats", "--json"], ["diff", key, other]):
+        shown = run(*words).output
+        assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", shown), words
+    shown = run("show", key).stdout
+    assert "--- reply by m\\u001b]0;mine\\u0007\\u000arecorded: 0 replies ---\n" in shown
+    assert "text\\u001b]52;c;bHM=\\u0007\\u009b2J\n\tdef f(): pass\\u000d\\u0085\n" in shown
+    assert [line[:64] for line in run("stats", "--list").stdout.splitlines()] == sorted([key, other])
+    assert [line for line in run("stats").stdout.splitlines() if line.startswith("recorded:")] == [
+        "recorded: 2 replies, 0.008000 USD"
+    ]
+    found = run("verify", code=1)
+    assert found.stdout.startswith("a\\u001b]0;mine\\u0007\\u000ab: expected only record files")
+    assert found.stdout.count("\n") == 1
+
+
+def test_what_goes_out_to_be_answered_writes_nothing_to_a_terminal_and_means_the_same(store: Store) -> None:
+    with pytest.raises(RepliesPending):
+        ask(questions(1, messages=(Message("user", f"a{CLIPBOARD}\U000e0041字"),)), params(), store.cache_dir)
+    line = run("export").stdout
+    assert line.isascii()
+    assert json.loads(line)["body"]["messages"][0]["content"] == f"a{CLIPBOARD}\U000e0041字"
+
+
+@pytest.mark.parametrize("unit", ["x+", "a;", "f()();"])
+def test_a_reply_beyond_the_contract_is_compared_word_by_word_and_takes_no_time(store: Store, unit: str) -> None:
+    assert MOST_CHARACTERS == contract.MAX_REPLY_CHARACTERS
+    long = unit * (1_800_000 // len(unit)) + "1"
+    store.write_all([record(long), record(f" {long}", sample=1), record(f"{long} 2", sample=2)])
+    started = time.monotonic()
+    assert "3 samples of 1 questions hold 2 different functions" in run("stats").stdout
+    assert time.monotonic() - started < 10
 
 
 def test_diff_of_two_conversations(store: Store) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from porse.errors import CacheError
 from porse.identity import content_id
 from porse.llm.record import parse_record
+from porse.llm.store import Store
 from tests.llm_cases import RECORD, record
 
 KEY = RECORD.key
@@ -57,8 +59,43 @@ def test_texts_are_stored_line_by_line() -> None:
     assert json.loads(DATA)["request"]["messages"][0]["content"] == ["You write rewards.", "Torch only."]
 
 
-def test_layout_does_not_matter_to_a_reader() -> None:
-    assert parse_record(edited(lambda document: None), KEY, "x.json") == RECORD
+def written(change: Callable[[dict[str, Any]], object]) -> bytes:
+    """Returns the record's file after a change, with a fitting hash, laid out as the program does."""
+    document = json.loads(edited(change, rehash=True))
+    return (json.dumps(document, indent=2, sort_keys=True, ensure_ascii=False) + "\n").encode()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        edited(lambda document: None),
+        DATA.replace(b'"format": 1,', b'"format": 2, "format": 1,'),
+        DATA.replace(b'"reply": {', b'"reply": 1, "reply": {'),
+        DATA.replace(b"\n", b"\r\n"),
+        DATA + b"\n",
+        DATA.replace(b"Torch", b"\\u0054orch"),
+        written(lambda document: document.update(format=True)),
+        written(lambda document: document.update(format=1.0)),
+        written(lambda document: document["reply"].update(text=["def reward():\n    return 1", ""])),
+        written(lambda document: document["request"]["messages"][1].update(content=["Fly to\nthe target."])),
+        written(lambda document: document["request"].update(extra={})),
+        written(lambda document: document["request"].update(limit="max_tokens")),
+    ],
+    ids=["layout", "a field twice", "an object twice", "line ends", "a line too many", "escaped", "true", "1.0", "a break in a line",
+         "a break in a message", "an empty extra", "a limit that goes without saying"],
+)  # fmt: skip
+def test_other_bytes_that_say_the_same_are_refused(data: bytes) -> None:
+    with pytest.raises(CacheError, match=r"x\.json cannot be trusted"):
+        parse_record(data, KEY, "x.json")
+    assert parse_record(written(lambda document: None), KEY, "x.json") == RECORD
+
+
+@pytest.mark.parametrize("cache", ["llm_cache", "published/quadcopter-porse/llm_cache"])
+def test_every_committed_record_is_read(cache: str) -> None:
+    store = Store(Path(__file__).parents[1] / cache)
+    keys = list(store.all_keys())
+    assert len(keys) > 10
+    assert [record.key for key in keys if (record := store.read(key))] == keys
 
 
 def test_cost_by_the_recorded_prices() -> None:
@@ -93,6 +130,9 @@ def test_edit_is_refused(change: Callable[[dict[str, Any]], object]) -> None:
     [
         (lambda document: document["request"].update(temperature=0.6), "key"),
         (lambda document: document["request"].update(temperature=9), "record of format 1"),
+        (lambda document: document["request"].update(temperature=10**400), "record of format 1"),
+        (lambda document: document["request"].update(top_p=-(10**400)), "record of format 1"),
+        (lambda document: price(document).update(usd_per_million_prompt_tokens=10**400), "to be a price"),
         (lambda document: document["request"].update(colour="red"), "record of format 1"),
         (lambda document: document["request"].pop("model"), "record of format 1"),
         (lambda document: document["reply"].pop("text"), "record of format 1"),
@@ -131,18 +171,15 @@ def test_edit_with_a_fitting_hash_is_refused(change: Callable[[dict[str, Any]], 
 
 
 def test_every_truncation_is_refused() -> None:
-    for length in range(len(DATA) - 1):
+    for length in range(len(DATA)):
         with pytest.raises(CacheError):
             parse_record(DATA[:length], KEY, "x.json")
 
 
-def test_every_changed_letter_is_refused_or_harmless() -> None:
+def test_every_changed_letter_is_refused() -> None:
     for place, byte in enumerate(DATA):
-        changed = DATA[:place] + bytes([byte ^ 1]) + DATA[place + 1 :]
-        try:
-            assert parse_record(changed, KEY, "x.json") == RECORD, f"byte {place}"
-        except CacheError:
-            continue
+        with pytest.raises(CacheError):
+            parse_record(DATA[:place] + bytes([byte ^ 1]) + DATA[place + 1 :], KEY, "x.json")
 
 
 def test_misnamed_record_is_refused() -> None:

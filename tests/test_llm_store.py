@@ -3,6 +3,8 @@
 import hashlib
 import os
 import signal
+import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import pytest
 
 from porse.errors import CacheError
-from porse.llm.store import REFRESHED, Store
+from porse.llm.store import ABANDONED_S, REFRESHED, Store
 from tests.llm_cases import RECORD, new_store, record
 
 
@@ -227,3 +229,39 @@ def test_killed_at_every_step_of_a_refresh(tmp_path: Path) -> None:
         if not killed:
             break
     assert not killed
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "folder"])
+def test_what_is_no_plain_file_is_refused_and_not_waited_for(store: Store, kind: str) -> None:
+    path = store.path(RECORD.key)
+    path.parent.mkdir()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link":
+        path.with_suffix(".elsewhere").write_bytes(RECORD.render())
+        path.symlink_to(path.with_suffix(".elsewhere"))
+    else:
+        path.mkdir()
+    with pytest.raises(CacheError, match=rf"Expected a readable recorded reply, found {path}: \w"):
+        store.read(RECORD.key)
+
+
+def test_what_killed_processes_left_is_removed_when_nobody_can_be_writing_it(store: Store) -> None:
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    directory = store.state_dir / "llm-tmp"
+    directory.mkdir(parents=True)
+    old = time.time() - ABANDONED_S - 60
+    mine = f"{'a' * 64}.{os.getpid()}.7"
+    young = f"{'c' * 64}.{gone.pid}.7"
+    for name in (mine, young, f"{'b' * 64}.{gone.pid}.7", "notes"):
+        (directory / name).touch()
+        if name != young:
+            os.utime(directory / name, (old, old))
+    assert store.write(RECORD)
+    assert leftovers(store) == sorted([mine, young, "notes"])
+    os.utime(directory / young, (old, old))
+    assert not store.write(RECORD)
+    assert young in leftovers(store), "nothing is written, and nothing is looked at"
+    assert store.write(record(sample=1))
+    assert leftovers(store) == sorted([mine, "notes"])

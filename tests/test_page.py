@@ -20,6 +20,7 @@ from porse.errors import PorseError
 from porse.generation.states import checker
 from porse.methods import ABLATIONS, METHODS
 from porse.pool import BEST, policy_file
+from porse.printing import visible
 from porse.report import page as page_module
 from porse.report.answer import (
     answers,
@@ -39,7 +40,7 @@ from porse.report.paper import find_mts, find_score, maximum_training_success, w
 from porse.report.population import Member, Stop, members, parents
 from porse.report.results import Results, incumbents, read_results
 from porse.report.run import Evaluation, Run
-from porse.report.source import differences, listing, visible
+from porse.report.source import differences, listing
 from porse.report.tree import COLUMN, HEAD, ROW, Fork, tree
 from porse.reporting.film import winner_film
 from porse.task_names import TASK_CLASSES
@@ -134,6 +135,9 @@ def test_code_is_escaped_and_signs_that_hide_something_are_written_out():
         assert "&lt;" in shown
         assert {*re.findall(r"<(\w+)", shown)} == {"span"}
     assert visible("a\u202eb\x00c\n\td\u200b") == "a\\u202eb\\u0000c\n\td\\u200b"
+    assert visible("\x9d\u2028\udc80\U000e0041ä字", keep="") == "\\u009d\\u2028\\udc80\\U000e0041ä字"
+    assert visible("a\n\r\tb", keep="") == "a\\u000a\\u000d\\u0009b"
+    assert visible(visible(EVIL)) == visible(EVIL)
 
 
 def test_differences_are_what_was_taken_and_what_was_added():

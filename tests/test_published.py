@@ -9,25 +9,29 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from socketserver import BaseRequestHandler
 from typing import ClassVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
+from safetensors.numpy import save_file
 
 from porse import tables
 from porse.cli import main
 from porse.errors import PorseError
 from porse.init import make_project as init_project
 from porse.inputs.resolve import Inputs
-from porse.published import check, command
+from porse.published import check, command, fetch
 from porse.published import publish as publishing
 from porse.published.causes import causes
 from porse.published.check import check_content
@@ -495,6 +499,62 @@ def test_texts_that_are_no_such_texts_are_refused_by_name(tiny_run, project, nam
     assert name in refusal(tiny_run, project)
 
 
+TITLE = "\x1b]0;mine\x07\x9b2J\ntiny: 34 of 34 outputs identical"
+UNSEEN = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("inputs/generate.json", "files"),
+        ("inputs/generate.json", "parameters"),
+        ("inputs/generate.json", "value"),
+        ("logs/environment.json", "name"),
+        ("logs/environment.json", "value"),
+    ],
+)
+def test_names_and_values_that_a_terminal_would_obey_are_refused_by_the_files_name(tiny_run, project, name, place):
+    path = tiny_run / name
+    document = json.loads(path.read_text())
+    if place == "files":
+        document["files"][TITLE] = "0" * 64
+    elif place == "parameters":
+        document["parameters"]["x"] = {TITLE: 1}
+    elif place == "value" and "parameters" in document:
+        document["parameters"]["x"] = [TITLE]
+    else:
+        document |= {TITLE: "x"} if place == "name" else {"package torch": TITLE}
+    path.write_text(json.dumps(document))
+    found = refusal(tiny_run, project)
+    assert f"without control characters at {tiny_run.parent}" in found
+    assert name in found
+    assert not UNSEEN.search(found)
+
+
+@pytest.mark.parametrize("kind", ["table", "policy", "parameters"])
+def test_no_error_about_a_forged_run_writes_to_the_terminal_more_than_its_signs(tiny_run, inside, tmp_path, kind):
+    if kind == "table":
+        pq.write_table(pa.table({TITLE: [1]}), tiny_run / "results" / "scores.parquet")
+    elif kind == "policy":
+        path = tiny_run / "run" / "result" / "start" / "policies" / "best.safetensors"
+        save_file({f"actor.{TITLE}": np.full((3, 3), np.nan, np.float32)}, path)
+    else:
+        path = tiny_run / "params.yaml"
+        path.write_text(path.read_text() + '"\\e]0;mine\\a\\N\\L34 of 34 outputs identical": 1\n')
+    seal(tiny_run)
+    done = porse("replay", str(tiny_run))
+    assert done.exit_code == 1
+    assert done.output.startswith("Error: ")
+    assert done.output.count("\n") == 1
+    assert not UNSEEN.search(done.output.rstrip("\n"))
+
+
+def test_names_in_what_a_replay_says_are_each_on_its_line(params, tmp_path):
+    (said,) = [line for line in causes(tmp_path, params, Changes((TITLE,), ())) if line.startswith("edited")]
+    assert "\\u001b]0;mine\\u0007\\u009b2J\\u000atiny: 34 of 34" in said
+    assert not UNSEEN.search(said)
+
+
 def test_a_text_beyond_its_bound_is_refused_by_name_whatever_it_says(tiny_run, project):
     path = tiny_run / "presets" / "Quadcopter.yaml"
     path.write_text(f"{path.read_text()}\n{'#' * check.MOST_TEXT_BYTES}\n")
@@ -553,6 +613,31 @@ def test_a_server_that_sends_something_else_is_refused_by_the_files_name(project
     with served(Lying) as address, pytest.raises(PorseError, match=r"card\.md"):
         receive(f"{address}/tiny", tmp_path / "copy")
     assert not (tmp_path / "copy" / "card.md").exists() or (tmp_path / "copy" / "card.md").stat().st_size < 2**17
+
+
+@pytest.mark.parametrize("way", ["headers", "continue", "body", "silence"])
+def test_the_time_of_a_download_ends_whatever_it_waits_for(tmp_path, monkeypatch, way):
+    monkeypatch.setattr(fetch, "SECONDS", 1)
+    start, more = {
+        "headers": (b"HTTP/1.1 200 OK\r\n", b"X-%d: y\r\n"),
+        "continue": (b"", b"HTTP/1.1 100 Continue\r\nX: %d\r\n\r\n"),
+        "body": (b"HTTP/1.1 200 OK\r\nContent-Length: 100000\r\n\r\n", b"%d"),
+        "silence": (b"", b""),
+    }[way]
+
+    class Trickling(BaseRequestHandler):
+        def handle(self):
+            self.request.recv(65536)
+            self.request.sendall(start)
+            with suppress(OSError):
+                for number in range(200):
+                    self.request.sendall(more and more % number)
+                    time.sleep(0.1)
+
+    began = time.monotonic()
+    with served(Trickling) as address, pytest.raises(PorseError, match="a run that comes within 1 s at http"):
+        receive(f"{address}/tiny", tmp_path / "copy")
+    assert time.monotonic() - began < 8
 
 
 @pytest.mark.parametrize("way", ["folder", "server"])

@@ -11,7 +11,7 @@ from porse import numerics
 from porse.bench.figure import Figure, Suite
 from porse.bench.machine import described, machine
 from porse.bench.table import TABLE
-from porse.printing import print_line
+from porse.printing import echo, print_line
 
 _NAME_WIDTH = max(len(measure.name) for measure in TABLE)
 
@@ -41,11 +41,11 @@ def bench(chosen: str, rounds: int, params: Path, cache: Path, as_json: bool) ->
     suites = [suite for suite in get_args(Suite) if chosen in (suite, "all")]
     measured = (figure for suite in suites for figure in figures_of(suite, rounds, params, cache))
     if as_json:
-        click.echo(json.dumps({"machine": found, "figures": [figure.as_json() for figure in measured]}, indent=2))
+        echo(json.dumps({"machine": found, "figures": [figure.as_json() for figure in measured]}, indent=2))
         return
     for line in described(found):
         print_line("", line, hang=9)
-    click.echo(
+    echo(
         f"\n{'suite':9}{'figure':{_NAME_WIDTH + 2}}{'value':>9}  {'bar':9}{'holds':7}{'low to high':18}{'rounds':8}unit; beside"
     )
     for figure in measured:

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from porse.bench.floor import Clock, bare_steps_s, physics_of, starts_of
+from porse.printing import echo
 from porse.tasks import TASKS, make_task
 from porse.tasks.base import Task
 
@@ -106,12 +107,12 @@ def _play(task: Task, drawn: Sequence[Tensor]) -> None:
 def main(envs: int, threads: int, seconds: float) -> None:
     """Print environment steps a second of every task, and the share of the bare physics, as Markdown."""
     torch.set_num_threads(1)
-    click.echo("| task | substeps | environment steps/s | share of bare `Batch.step` |")
-    click.echo("| --- | --- | --- | --- |")
+    echo("| task | substeps | environment steps/s | share of bare `Batch.step` |")
+    echo("| --- | --- | --- | --- |")
     for name in TASKS:
         task = make_task(name, envs, seed=0, threads=threads)
         speed = measure(task, seconds)
-        click.echo(f"| {name} | {task.SUBSTEPS} | {speed.steps:,.0f} | {speed.share:.0%} |")
+        echo(f"| {name} | {task.SUBSTEPS} | {speed.steps:,.0f} | {speed.share:.0%} |")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from porse.commands import with_params
 from porse.config import leaves, load_document, load_params, parse_params, resolve_document
 from porse.inputs.stages import STAGES
 from porse.methods import ABLATIONS, METHODS
-from porse.printing import print_line
+from porse.printing import echo, print_line
 from porse.search.schedule import allowed_epochs, mutants, total_epochs, varied, work
 
 
@@ -32,7 +32,7 @@ def show_tables(as_json: bool) -> None:
             }
             for table in tables.TABLES.values()
         ]
-        click.echo(json.dumps(found, indent=2))
+        echo(json.dumps(found, indent=2))
         return
     for table in tables.TABLES.values():
         print_line("", f"{table.name}: one row is {table.grain}; key: {', '.join(table.key)}", hang=8)
@@ -56,14 +56,14 @@ def show_schedule(path: Path, as_json: bool) -> None:
             if mutants(params, entry.n)
         ]
         sums = {"total_epochs": total_epochs(params), "allowed_epochs": allowed_epochs(params)}
-        click.echo(json.dumps({"rungs": rungs, "mutants": vary, **sums}, indent=2))
+        echo(json.dumps({"rungs": rungs, "mutants": vary, **sums}, indent=2))
         return
     for entry in params.iterations:
         for cost in work(params, entry.n):
-            click.echo(f"iteration {entry.n} rung {cost.rung:8} {cost.candidates:3} candidates {cost.epochs:7} epochs")
+            echo(f"iteration {entry.n} rung {cost.rung:8} {cost.candidates:3} candidates {cost.epochs:7} epochs")
         if mutants(params, entry.n):
-            click.echo(f"iteration {entry.n}: mutants vary {varied(params, entry.n)}")
-    click.echo(f"in all {total_epochs(params)} epochs of {allowed_epochs(params)} allowed")
+            echo(f"iteration {entry.n}: mutants vary {varied(params, entry.n)}")
+    echo(f"in all {total_epochs(params)} epochs of {allowed_epochs(params)} allowed")
 
 
 @click.command("params")
@@ -83,7 +83,7 @@ def show_params(path: Path, stage: str | None, as_json: bool) -> None:
             origin = next((sources[key] for key in sources if name == key or name.startswith(f"{key}.")), "")
             rows.append({"parameter": name, "value": value, "origin": origin or path.name})
     if as_json:
-        click.echo(json.dumps(rows, indent=2))
+        echo(json.dumps(rows, indent=2))
         return
     for row in rows:
         source = "" if row["origin"] == path.name else f"  # {row['origin']}"
@@ -104,7 +104,7 @@ def show_methods(as_json: bool) -> None:
             for kind, sets in (("method", METHODS), ("ablation", ABLATIONS))
             for name, sections in sets.items()
         ]
-        click.echo(json.dumps(found, indent=2))
+        echo(json.dumps(found, indent=2))
         return
     for heading, sets in (("method", METHODS), ("ablation", ABLATIONS)):
         for name, sections in sets.items():

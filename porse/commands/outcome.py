@@ -7,7 +7,7 @@ import click
 
 from porse.commands import EXISTING
 from porse.outdated import another_run
-from porse.printing import print_line
+from porse.printing import echo, print_line
 from porse.report.markdown import results_table
 from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
@@ -28,11 +28,11 @@ def show_results(run: Path, as_json: bool) -> None:
         print_line("warning: ", str(warning), hang=0, err=True)
     found = read_results(run)
     if not as_json:
-        click.echo(results_table(found.iterations, found.figures))
+        echo(results_table(found.iterations, found.figures))
         return
     params = found.params
     named = {"task": params.task, "method": params.method, "ablation": params.ablation, "seed": params.seed}
-    click.echo(json.dumps({**named, **found.figures, "iterations": found.iterations}, indent=2))
+    echo(json.dumps({**named, **found.figures, "iterations": found.iterations}, indent=2))
 
 
 @click.command("trends")
@@ -41,4 +41,4 @@ def show_results(run: Path, as_json: bool) -> None:
 def show_trends(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print beta and alpha of the winners by iteration, over the finished runs in the folders RUNS, `.` by default."""
     found = trends(read_finished(folder) for folder in runs or (Path(),))
-    click.echo(json.dumps(found, indent=2) if as_json else trends_table(found))
+    echo(json.dumps(found, indent=2) if as_json else trends_table(found))

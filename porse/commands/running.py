@@ -9,6 +9,7 @@ from porse import numerics
 from porse.commands import EXISTING, FOLDER, with_params
 from porse.config import load_params
 from porse.pipeline import check_pipeline, write_pipeline
+from porse.printing import echo
 from porse.repro import check_start, reproduce
 
 
@@ -21,7 +22,7 @@ def pipeline(check: bool) -> None:
         check_pipeline(Path(), params)
         return
     for line in write_pipeline(Path(), params) or ["every dvc.yaml is up to date"]:
-        click.echo(line)
+        echo(line)
 
 
 @click.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
@@ -34,11 +35,11 @@ def repro(arguments: tuple[str, ...], progress: str | None) -> None:
     Without ARGUMENTS, each stage prints a line, or shows its bars on a terminal; the last line is that of `porse status`. With
     ARGUMENTS, DVC prints its own output, too.
     """
-    code = reproduce(Path(), arguments, lambda line: click.echo(line, err=True), progress or "")
+    code = reproduce(Path(), arguments, lambda line: echo(line, err=True), progress or "")
     if code == 0 and not progress and not arguments:
         from porse.status import status_of, status_text
 
-        click.echo(status_text(status_of(Path())))
+        echo(status_text(status_of(Path())))
     # As a shell says it: a process that a signal ended has no code of its own.
     sys.exit(code if code >= 0 else 128 - code)
 
@@ -58,4 +59,4 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
     from porse.iteration import Place, run
 
     with checker(params) as check:
-        run(params, Place(out, prompts, cache), check, click.echo)
+        run(params, Place(out, prompts, cache), check, echo)

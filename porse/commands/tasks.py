@@ -4,7 +4,7 @@ import json
 
 import click
 
-from porse.printing import print_line
+from porse.printing import echo, print_line
 from porse.task_names import TAGS, TASK_ROWS
 
 
@@ -17,13 +17,13 @@ def show_tasks(tags: tuple[str, ...], as_json: bool) -> None:
     """Print the tasks, with sizes and tags."""
     rows = [row for row in json.loads(TASK_ROWS.read_text(encoding="utf-8")) if {*tags} <= {*row["tags"]}]
     if as_json:
-        click.echo(json.dumps(rows, indent=2))
+        echo(json.dumps(rows, indent=2))
         return
     for row in rows:
         tagged = ", ".join(row["tags"])
         sizes = f"{row['observations']:4} {row['actions']:3} {row['episode_length']:5}"
         print_line(f"{row['task']:20} {row['family']:7} {sizes} {tagged:20} ", row["description"])
     if not tags:
-        click.echo()
+        echo()
         for tag, meaning in TAGS.items():
             print_line(f"{tag:11} ", meaning)

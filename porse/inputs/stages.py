@@ -75,7 +75,7 @@ NO_RESULT: dict[str, str] = {
     "porse/presets/__init__.py": "how parameters are read; their values are inputs",
     "porse/presets/own.py": "how parameters are read; their values are inputs",
     "porse/presets/rules.py": "how parameters are read; their values are inputs",
-    "porse/printing.py": "what a terminal shows",
+    "porse/printing.py": "what people see",
     "porse/processes.py": "who ends when",
     "porse/stage.py": "the command line of a stage",
     "porse/task_names.py": "the module that the run's task names is an input",

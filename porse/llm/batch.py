@@ -53,7 +53,7 @@ class Accepted:
 
 
 def export_lines(requests: Iterable[OpenRequest]) -> str:
-    """Returns the open requests as OpenAI batch JSONL, one line each."""
+    """Returns the open requests as OpenAI batch JSONL, one line each, in ASCII: a terminal may be where they go."""
     lines = [
         json.dumps(
             {
@@ -61,8 +61,7 @@ def export_lines(requests: Iterable[OpenRequest]) -> str:
                 "method": "POST",
                 "url": BATCH_URL,
                 "body": request.question.request.wire_body(),
-            },
-            ensure_ascii=False,
+            }
         )
         for request in requests
     ]

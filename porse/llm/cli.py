@@ -22,6 +22,7 @@ from porse.llm.show import conversation, open_conversation
 from porse.llm.stats import Line, by_model, by_place, samples_table, spending_table, total
 from porse.llm.store import Store
 from porse.llm.verify import verify as verify_cache
+from porse.printing import echo, visible
 
 FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 
@@ -67,11 +68,11 @@ def pending(cache_dir: Path, clear: bool, as_json: bool) -> None:
     requests = load_pending(store)
     if as_json:
         rows = [{"key": request.key, **dataclasses.asdict(request.question.origin)} for request in requests]
-        click.echo(json.dumps(rows, indent=2))
+        echo(json.dumps(rows, indent=2))
     else:
         for request in requests:
-            click.echo(f"{request.key}  {request.question.origin}")
-    click.echo(f"{len(requests)} open requests{', all forgotten' if clear else ''}", err=True)
+            echo(f"{request.key}  {request.question.origin}")
+    echo(f"{len(requests)} open requests{', all forgotten' if clear else ''}", err=True)
     if clear:
         remove_pending(store, [request.key for request in requests])
 
@@ -94,7 +95,7 @@ def export(cache_dir: Path, prompts: Path | None, target: str) -> None:
         for request in requests:
             text = open_conversation(request.question) + "\n"
             (prompts / f"{request.key}.prompt").write_text(text, encoding="utf-8")
-    click.echo(f"{len(requests)} open requests", err=True)
+    echo(f"{len(requests)} open requests", err=True)
 
 
 @llm.command("import")
@@ -113,7 +114,7 @@ def import_(cache_dir: Path, answered_by: str, context: str, api_model: bool, so
     who = Answerer(answered_by, context, api_model)
     for item in import_answers(answer_lines(source), str(source), who, load_pending(store), store):
         record, state = item.record, "recorded" if item.fresh else "was recorded before"
-        click.echo(f"{record.key}  {record.provenance.origin}: {state}, {len(record.answer.text)} characters")
+        echo(f"{record.key}  {record.provenance.origin}: {state}, {len(record.answer.text)} characters")
 
 
 @llm.command()
@@ -127,14 +128,14 @@ def verify(cache_dir: Path, used: tuple[Path, ...], as_json: bool) -> None:
     problems = verify_cache(cache_dir, _used_keys(used) if used else None)
     records = sum(1 for _ in Store(cache_dir).all_keys())
     if as_json:
-        click.echo(json.dumps({"records": records, "problems": problems}, indent=2))
+        echo(json.dumps({"records": records, "problems": problems}, indent=2))
     else:
         for problem in problems:
-            click.echo(problem)
+            echo(visible(problem, keep=""))
     if problems:
         raise click.ClickException(f"{len(problems)} problems in {cache_dir}")
     if not as_json:
-        click.echo(f"{records} records, all as they were written")
+        echo(f"{records} records, all as they were written")
 
 
 @llm.command()
@@ -150,10 +151,10 @@ def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
     if list_keys:
         if as_json:
             rows = [{"key": record.key, **dataclasses.asdict(record.provenance.origin)} for record in records]
-            click.echo(json.dumps(rows, indent=2))
+            echo(json.dumps(rows, indent=2))
             return
         for record in records:
-            click.echo(f"{record.key}  {record.provenance.origin}")
+            echo(f"{record.key}  {record.provenance.origin}")
         return
     lines = by_place(records)
     recorded, ledger = total(lines), totals(store)
@@ -174,24 +175,22 @@ def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
             "reserved_usd": sum(ledger.reserved.values()),
             "spent_by_this_checkout": dataclasses.asdict(ledger.spending),
         }
-        click.echo(json.dumps(document, indent=2))
+        echo(json.dumps(document, indent=2))
         return
-    click.echo(spending_table(("iteration", "stage"), lines))
-    click.echo()
-    click.echo(spending_table(("model", "answered by"), by_model(records)))
-    click.echo()
+    echo(spending_table(("iteration", "stage"), lines))
+    echo()
+    echo(spending_table(("model", "answered by"), by_model(records)))
+    echo()
     several = samples(records)
     if several:
-        click.echo(samples_table(several))
+        echo(samples_table(several))
         count, functions = sum(entry.count for entry in several), sum(entry.functions for entry in several)
-        click.echo(f"{count} samples of {len(several)} questions hold {functions} different functions")
-        click.echo()
-    click.echo(f"recorded: {recorded.replies} replies, {recorded.cost_usd:.6f} USD")
+        echo(f"{count} samples of {len(several)} questions hold {functions} different functions")
+        echo()
+    echo(f"recorded: {recorded.replies} replies, {recorded.cost_usd:.6f} USD")
     if ledger.reserved:
-        click.echo(
-            f"sent without an answer: {len(ledger.reserved)} requests, up to {sum(ledger.reserved.values()):.6f} USD"
-        )
-    click.echo(f"spent by this checkout: {ledger.spending.replies} replies, {ledger.spending.cost_usd:.6f} USD")
+        echo(f"sent without an answer: {len(ledger.reserved)} requests, up to {sum(ledger.reserved.values()):.6f} USD")
+    echo(f"spent by this checkout: {ledger.spending.replies} replies, {ledger.spending.cost_usd:.6f} USD")
 
 
 @llm.command()
@@ -199,7 +198,7 @@ def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
 @click.argument("key")
 def show(cache_dir: Path, key: str) -> None:
     """Print a recorded or open request as a conversation. KEY may be the first digits of a key."""
-    click.echo(conversation(key, Store(cache_dir)))
+    echo(conversation(key, Store(cache_dir)))
 
 
 @llm.command()
@@ -209,9 +208,10 @@ def show(cache_dir: Path, key: str) -> None:
 def diff(cache_dir: Path, key: str, other: str) -> None:
     """Compare two conversations line by line."""
     store = Store(cache_dir)
-    left, right = (conversation(prefix, store).splitlines() for prefix in (key, other))
+    # Written out first: what a reply holds divides no line.
+    left, right = (visible(conversation(prefix, store)).splitlines() for prefix in (key, other))
     for line in difflib.unified_diff(left, right, key, other, lineterm=""):
-        click.echo(line)
+        echo(line)
 
 
 @llm.command()
@@ -241,7 +241,7 @@ def refresh(
         kept = refresh_from_text(whole_key, answer_text(answer), who, store)
     else:
         raise click.UsageError("--answer needs --answered-by and --context")
-    click.echo(f"{whole_key}: replaced, the old record is {kept}")
+    echo(f"{whole_key}: replaced, the old record is {kept}")
 
 
 def _line(heading: tuple[str, str], line: Line) -> dict[str, object]:

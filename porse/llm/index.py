@@ -190,7 +190,11 @@ def _is_held(row: str | None) -> bool:
 
 
 def _started(process: int) -> str:
-    """Returns what tells one process from a later one with the same id; "" when there is no such process."""
+    """Returns what tells one process from a later one with the same id; "" when there is no such process.
+
+    Not psutil's `create_time`: it counts from the time of day, which another process may find set anew, and a lock would seem
+    to be nobody's. What Linux counts from its start never changes.
+    """
     try:
         # The 22nd field of proc(5); the second one, the name, may hold spaces and ends with the last ")".
         status = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")

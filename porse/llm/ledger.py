@@ -10,14 +10,19 @@ A replay adds nothing. What the recorded replies cost when they were recorded is
 
 import asyncio
 import contextlib
+import errno
 import fcntl
 import json
+import logging
+import os
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+from porse.errors import CacheError
 from porse.llm.completion import HopelessError
 from porse.llm.record import Price, Record, cost_usd
 from porse.llm.request import Request
@@ -27,6 +32,8 @@ TOKENS_AROUND_A_MESSAGE = 16
 """More than any chat template puts around one message."""
 
 LOOK_AGAIN_S = 0.02
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,7 @@ class Account:
 
         Raises:
             HopelessError: there is no room and will be none.
+            CacheError: the ledger cannot be written.
         """
         most_usd = cost_usd(self._price, most_tokens(request), request.max_tokens)
         while True:
@@ -168,7 +176,8 @@ class Account:
     def settle(self, name: str, tokens: tuple[int | None, int | None]) -> None:
         """Says that a request had a reply, of these prompt and completion tokens.
 
-        Where somebody did not count them, the reply counts with the most that it can have cost.
+        Where somebody did not count them, the reply counts with the most that it can have cost. So it does where the ledger
+        cannot be written: the reply is worth more than its line, and a warning says so.
         """
         most_usd = self._under_way.pop(name)
         prompt, completion = (count or 0 for count in tokens)
@@ -176,7 +185,7 @@ class Account:
         self._finish(name, Spending(1, prompt, completion, cost))
 
     def release(self, name: str) -> None:
-        """Says that a request had no reply, which costs nothing."""
+        """Says that a request had no reply, which costs nothing; where the ledger cannot be written, it stays reserved."""
         del self._under_way[name]
         self._finish(name, NOTHING)
 
@@ -185,8 +194,11 @@ class Account:
         del self._under_way[name]
 
     def _finish(self, name: str, spending: Spending) -> None:
-        with self._locked() as file:
-            self._append(file, {"request": name, **asdict(spending)})
+        try:
+            with self._locked() as file:
+                self._append(file, {"request": name, **asdict(spending)})
+        except CacheError as error:
+            logger.warning("%s What was reserved for the request counts as spent.", error)
 
     def _lacking(self, most_usd: float) -> str:
         """Returns which budget has no room for one more request; "" when all have."""
@@ -205,22 +217,33 @@ class Account:
         return ""
 
     @contextlib.contextmanager
-    def _locked(self) -> Iterator[IO[bytes]]:
-        """Yields the ledger with all lines read, locked against other processes and threads."""
-        with self._path.open("a+b") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            file.seek(self._read)
-            data = file.read()
-            self._read += len(data)
-            _add_lines(self._totals, data)
-            self._is_whole = data.endswith(b"\n") if data else self._is_whole
-            yield file
+    def _locked(self) -> Iterator[FileIO]:
+        """Yields the ledger with all lines read, locked against other processes and threads.
 
-    def _append(self, file: IO[bytes], line: dict[str, Any]) -> None:
-        # After a line that a crash cut off, a new one must not be its end.
+        Raises:
+            CacheError: it cannot be read or written, as on a full disk.
+        """
+        try:
+            # Without a buffer: what a full disk did not take must not be written when the file is closed.
+            with self._path.open("a+b", buffering=0) as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                file.seek(self._read)
+                data = file.readall()
+                self._read += len(data)
+                _add_lines(self._totals, data)
+                self._is_whole = data.endswith(b"\n") if data else self._is_whole
+                yield file
+        except OSError as error:
+            raise CacheError(
+                f"Expected to write the ledger {self._path}, found: {error}. Make room, or make the file one that can be written, "
+                "and run the command again: it goes on with what is missing."
+            ) from error
+
+    def _append(self, file: FileIO, line: dict[str, Any]) -> None:
+        # After a line that a crash or a full disk cut off, a new one must not be its end.
         data = (b"" if self._is_whole else b"\n") + json.dumps(line, sort_keys=True).encode() + b"\n"
-        file.write(data)
-        file.flush()
+        if file.write(data) < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self._read += len(data)
         self._is_whole = True
         _add_lines(self._totals, data)

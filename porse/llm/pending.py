@@ -51,22 +51,39 @@ def pending_dir(store: Store) -> Path:
 
 
 def add_pending(store: Store, requests: list[OpenRequest]) -> None:
-    """Writes the open requests, each by a rename, so that no half file is ever read."""
+    """Writes the open requests, each by a rename, so that no half file is ever read.
+
+    Raises:
+        CacheError: one cannot be written, as on a full disk; those before it are open.
+    """
     directory = pending_dir(store)
-    directory.mkdir(parents=True, exist_ok=True)
-    for request in requests:
-        document = {
-            "key": request.key,
-            "request": request.question.request.body(),
-            "origin": asdict(request.question.origin),
-            "profile": request.profile,
-            "price": asdict(request.price),
-            "aliases": list(request.aliases),
-        }
-        text = json.dumps(document, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
-        temporary = directory / f".{request.key}.{os.getpid()}"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for request in requests:
+            _write(request, directory)
+    except OSError as error:
+        raise CacheError(
+            f"Expected to write {len(requests)} open requests to {directory}, found: {error}. Make room, or make the folder one "
+            "that can be written, and run the command again: what is missing is written then."
+        ) from error
+
+
+def _write(request: OpenRequest, directory: Path) -> None:
+    document = {
+        "key": request.key,
+        "request": request.question.request.body(),
+        "origin": asdict(request.question.origin),
+        "profile": request.profile,
+        "price": asdict(request.price),
+        "aliases": list(request.aliases),
+    }
+    text = json.dumps(document, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    temporary = directory / f".{request.key}.{os.getpid()}"
+    try:
         temporary.write_text(text, encoding="utf-8")
         temporary.replace(directory / f"{request.key}.json")
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def remove_pending(store: Store, keys: list[str]) -> None:

@@ -29,6 +29,7 @@ from porse.llm.completion import (
 from porse.llm.ledger import Account
 from porse.llm.request import Request
 from porse.llm.transport import Transport
+from porse.printing import visible
 
 REPLY_LIMIT_BYTES = 4 * 2**20
 """A body beyond this is refused: no limit on tokens gives that much, and it would stay in the repository for ever."""
@@ -83,7 +84,8 @@ class Provider:
                 delay_s = back_off_s(attempt) if error.retry_after_s is None else error.retry_after_s
                 if delay_s > self._transport.stage_timeout_s:
                     raise ProviderError(f"the server asks to wait {delay_s:g} s: {error}") from error
-                logger.warning("attempt %d of %d: %s; again in %.1f s", attempt, attempts, error, delay_s)
+                said = visible(str(error), keep="")
+                logger.warning("attempt %d of %d: %s; again in %.1f s", attempt, attempts, said, delay_s)
                 await asyncio.sleep(delay_s)
         raise AssertionError("unreachable: the last attempt returns or raises")
 

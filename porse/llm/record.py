@@ -154,7 +154,7 @@ class Record:
 
 
 def parse_record(data: bytes, key: str, where: str) -> Record:
-    """Returns the record in `data` after recomputing its key and its payload hash.
+    """Returns the record in `data` after recomputing its key, its payload hash and its bytes.
 
     Args:
         data: bytes of a record file.
@@ -162,7 +162,7 @@ def parse_record(data: bytes, key: str, where: str) -> Record:
         where: the file's name, for messages.
 
     Raises:
-        CacheError: the bytes are not a whole, unedited record of that key.
+        CacheError: the bytes are not those that the program writes for a record of that key.
     """
     document = _parse_json(data, where)
     found_hash = document.pop("payload_hash", None)
@@ -176,6 +176,9 @@ def parse_record(data: bytes, key: str, where: str) -> Record:
         _refuse(where, f"key {record.key[:12]} by its request", f"key {str(document['key'])[:12]}")
     if record.key != key:
         _refuse(where, f"the record of key {key[:12]}", f"the record of {record.key[:12]}: the file is misnamed")
+    # A field that stands twice, `true` for 1, a line with a break in it: other bytes that say the same.
+    if record.render() != data:
+        _refuse(where, "the very bytes that the program writes", "another layout of the same record")
     return record
 
 

@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 from porse.config import LlmParams
 from porse.errors import ParamsError
 from porse.identity import content_id
+from porse.printing import visible
 
 PLAIN_SCHEMA, DIALECT_SCHEMA = 1, 2
 """Versions of the request body: of a request in the common protocol, and of one in a model's dialect.
@@ -184,8 +185,8 @@ class Origin:
     subject: str
 
     def __str__(self) -> str:
-        """Returns the place in words, for messages."""
-        return f"{self.stage}, iteration {self.iteration}, {self.subject}"
+        """Returns the place in words, on one line, for messages."""
+        return visible(f"{self.stage}, iteration {self.iteration}, {self.subject}", keep="")
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,8 @@ class Reply:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    # Compared: an int may be beyond any float, and nan is between no two numbers.
+    return isinstance(value, int | float) and not isinstance(value, bool) and -math.inf < value < math.inf
 
 
 def _is_count(value: object) -> bool:

@@ -11,6 +11,9 @@ from porse.identity import canonical_json
 from porse.llm.record import Record
 from porse.llm.request import Origin
 
+MOST_CHARACTERS = 200_000
+"""A longer reply is refused by the contract, whose bound this is. A parser would take hundreds of bytes for each letter of it."""
+
 _BLOCK = re.compile(r"```[^\n`]*\n(.*?)```", re.DOTALL)
 
 
@@ -57,8 +60,11 @@ def normalised(text: str) -> str:
     """Returns what two replies have in common that hold the same function.
 
     That is the code in the reply's blocks, or the whole reply where it has none, without comments, layout and docstrings,
-    and with names of our own for those that the code itself gives to values. What is no Python is compared word by word.
+    and with names of our own for those that the code itself gives to values. What is no Python is compared word by word, and
+    so is what is too long to be a function.
     """
+    if len(text) > MOST_CHARACTERS:
+        return " ".join(text.split())
     code = "\n".join(_BLOCK.findall(text)) or text
     try:
         with warnings.catch_warnings():

@@ -7,6 +7,7 @@ from porse.llm.pending import load_pending
 from porse.llm.record import Record
 from porse.llm.request import Origin, Question, Request
 from porse.llm.store import Store
+from porse.printing import visible
 
 
 def conversation(prefix: str, store: Store) -> str:
@@ -36,7 +37,7 @@ def _asked(request: Request, origin: Origin) -> str:
     fields = [f"{name} {value:g}" for name, value in sampling.items() if value is not None]
     fields += [f"{request.limit} {request.max_tokens}", f"sample {request.sample}"]
     fields += [f"{name} {json.dumps(value, ensure_ascii=False)}" for name, value in request.extra.items()]
-    head = f"key {request.key}\nasked in {origin}\nmodel {request.model}, {', '.join(fields)}"
+    head = f"key {request.key}\nasked in {origin}\n" + visible(f"model {request.model}, {', '.join(fields)}", keep="")
     turns = [f"\n--- {message.role} ---\n{message.content}" for message in request.messages]
     return "\n".join([head, *turns])
 
@@ -48,8 +49,8 @@ def _answered(record: Record) -> str:
     counted = (
         f"{tokens[0]} + {tokens[1]} tokens, {record.cost_usd:.6f} USD" if len(tokens) == 2 else "tokens not counted"
     )
-    head = (
-        f"\n--- reply by {provenance.answered_by}{cut} ---\n(mode {provenance.mode}, profile {provenance.profile}, "
-        f"recorded {provenance.recorded_at}, {counted})"
+    head = visible(f"--- reply by {provenance.answered_by}{cut} ---", keep="")
+    how = visible(
+        f"(mode {provenance.mode}, profile {provenance.profile}, recorded {provenance.recorded_at}, {counted})", keep=""
     )
-    return f"{head}\n{answer.text}"
+    return f"\n{head}\n{how}\n{answer.text}"

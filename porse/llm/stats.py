@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from porse.llm.ledger import NOTHING, Spending
 from porse.llm.record import Record
 from porse.llm.sampling import Samples
+from porse.printing import visible
 
 
 @dataclass(frozen=True)
@@ -76,14 +77,15 @@ def samples_table(found: list[Samples]) -> str:
 
 
 def text_table(names: tuple[str, ...], rows: Sequence[tuple[str, ...]], texts: int) -> str:
-    """Returns a text table whose first `texts` columns are texts and whose others are numbers."""
-    widths = [max(len(row[column]) for row in [names, *rows]) for column in range(len(names))]
+    """Returns a text table whose first `texts` columns are texts and whose others are numbers; each row is one line."""
+    lines = [[visible(cell, keep="") for cell in row] for row in [names, *rows]]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(names))]
     return "\n".join(
         "  ".join(
             cell.ljust(width) if column < texts else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
         ).rstrip()
-        for row in [names, *rows]
+        for line in lines
     )
 
 

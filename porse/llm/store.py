@@ -5,22 +5,31 @@ A read needs no index and writes nothing, so a read-only checkout replays. A wri
 link to the final name, which fails when the name exists: the file system itself keeps records write-once.
 """
 
+import contextlib
 import hashlib
 import itertools
 import os
 import re
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from porse.errors import CacheError
 from porse.llm.record import Record, parse_record
+from porse.paths import open_plain
 
 KEY_PATTERN = re.compile(r"[0-9a-f]{64}")
 SUPERSEDED_PATTERN = re.compile(r"([0-9a-f]{64})\.([1-9][0-9]*)")
 SHARD_DIGITS = 2
 REFRESHED = "refreshed.txt"
 """In the cache, a line for each record that was replaced: stages that ask depend on this list, and on no record."""
+
+ABANDONED_S = 3600.0
+"""A temporary file of a process that is gone is removed when it is as old as this: one on another machine may write beside us."""
+
+_TEMPORARY = re.compile(r"[0-9a-f]{64}\.([0-9]{1,9})\.[0-9]+")
+"""The name of one: key, process, and a number of its own."""
 
 _counter = itertools.count()
 
@@ -40,6 +49,10 @@ class Store:
         """Where the index, the open requests and temporary files live: beside the cache, never in it."""
         return self.cache_dir.parent / ".porse"
 
+    @property
+    def _temporary_dir(self) -> Path:
+        return self.state_dir / "llm-tmp"
+
     def path(self, key: str) -> Path:
         """Returns the path of the record of `key`."""
         return self.cache_dir / key[:SHARD_DIGITS] / f"{key}.json"
@@ -48,11 +61,12 @@ class Store:
         """Returns the record of `key`, its key and payload hash recomputed; None when there is none.
 
         Raises:
-            CacheError: the file is there but is not a whole, unedited record of `key`.
+            CacheError: something is there, and is not a plain file with a whole, unedited record of `key`.
         """
         path = self.path(key)
         try:
-            data = path.read_bytes()
+            with open_plain(path) as file:
+                data = file.read()
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -110,6 +124,8 @@ class Store:
             CacheError: a different reply is recorded under one of the keys.
         """
         fresh = [record for record in records if not self._is_recorded(record)]
+        if fresh:
+            self._sweep()
         staged: list[tuple[Path, Path]] = []
         linked: list[Path] = []
         try:
@@ -181,7 +197,7 @@ class Store:
 
     def _stage(self, record: Record) -> Path:
         """Writes the record to a temporary file on the same file system and waits until the disk has it."""
-        directory = self.state_dir / "llm-tmp"
+        directory = self._temporary_dir
         directory.mkdir(parents=True, exist_ok=True)
         temporary = directory / f"{record.key}.{os.getpid()}.{next(_counter)}"
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
@@ -194,6 +210,22 @@ class Store:
             temporary.unlink()
             raise
         return temporary
+
+    def _sweep(self) -> None:
+        """Removes temporary files that killed processes have left; a folder that cannot be read or written is let be.
+
+        Cheap: the folder holds what is being written at this moment, and nothing else. Several processes may do so at once.
+        """
+        with contextlib.suppress(OSError), os.scandir(self._temporary_dir) as entries:
+            for entry in entries:
+                match = _TEMPORARY.fullmatch(entry.name)
+                if match is None or time.time() - entry.stat().st_mtime <= ABANDONED_S:
+                    continue
+                # Imported here: of a thousand writes, none needs it.
+                import psutil
+
+                if not psutil.pid_exists(int(match[1])):
+                    Path(entry.path).unlink(missing_ok=True)
 
     def _publish(self, record: Record, temporary: Path, path: Path) -> bool:
         """Links the file to its final name; returns False when another process was first with the same reply."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from porse import numerics
 from porse.config import Params
+from porse.printing import visible
 from porse.published.inputs import Changes, changes, read_folder
 
 _NAMED = 5
@@ -70,6 +71,6 @@ def _instruction_set(then: Mapping[str, str], now: Mapping[str, str], params: Pa
 
 
 def named(names: Sequence[str]) -> str:
-    """Returns names as a list in words; of many, the first."""
+    """Returns names as a list in words, on one line; of many, the first."""
     more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(visible(name, keep="") for name in names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -18,8 +18,9 @@ from porse.errors import PorseError
 from porse.generation.answers import FILES, GRAMMAR, SPLICED
 from porse.llm.store import REFRESHED
 from porse.llm.verify import verify
+from porse.printing import visible
 from porse.processes import die_with_parent, limit_memory
-from porse.published.inputs import parse_inputs
+from porse.published.inputs import is_visible, parse_inputs
 from porse.published.locks import INPUTS, RESOLVE, Stage, check_pipeline_of, digest, is_output, read_locks
 from porse.published.manifest import refused
 from porse.report.results import read_results
@@ -149,13 +150,13 @@ def _texts(folder: Path) -> Iterator[Path]:
 def _check_environment(path: Path) -> None:
     try:
         document = json.loads(path.read_bytes())
-        fine = all(isinstance(value, str) for value in document.values())
+        fine = all(isinstance(value, str) for value in document.values()) and is_visible(document, keep="")
     except FileNotFoundError:
         return
     except (ValueError, AttributeError, RecursionError):
         fine = False
     if not fine:
-        raise refused(str(path), "names and values of a machine", "something else")
+        raise refused(str(path), "names and values of a machine, without control characters", "something else")
 
 
 def _check_replies(folder: Path, used: set[str]) -> None:
@@ -196,7 +197,7 @@ def main(folder: Path, trust: bool, memory_mib: int) -> int:
     try:
         check_all(folder, trust, lambda name: print(f"{_AT}{name}", flush=True))
     except PorseError as error:
-        print(" ".join(str(error).split()), flush=True)
+        print(visible(" ".join(str(error).split())), flush=True)
         return 1
     return 0
 

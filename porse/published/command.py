@@ -19,6 +19,7 @@ from click.core import ParameterSource
 from porse import show as shows
 from porse.config import Params
 from porse.errors import PorseError
+from porse.printing import echo
 from porse.published.causes import named
 from porse.published.check import check_content, read_params
 from porse.published.fetch import find, is_address, is_name, published_folders, receive
@@ -60,7 +61,7 @@ def publish(run: Path, name: str, words: Path | None, remote: str | None, replac
     from porse.published.publish import publish as make
 
     text = words.read_text(encoding="utf-8") if words else ""
-    make(run, name, ROOT, text, remote, replaces, click.echo)
+    make(run, name, ROOT, text, remote, replaces, echo)
 
 
 @click.command()
@@ -69,14 +70,14 @@ def published(as_json: bool) -> None:
     """List the published runs of this project."""
     rows = [_row(folder) for folder in published_folders(ROOT)]
     if as_json:
-        click.echo(json.dumps(rows, indent=2))
+        echo(json.dumps(rows, indent=2))
         return
     if not rows:
-        click.echo(f"no run is published in {FOLDER}/; `porse publish RUN NAME` makes one of a finished run")
+        echo(f"no run is published in {FOLDER}/; `porse publish RUN NAME` makes one of a finished run")
     for row in rows:
         score = f"score {row['score']:.3f}, MTS {row['mts']:.3f}"
         size = f"{row['epochs']} epochs, {row['bytes'] / 2**20:.2f} MiB"
-        click.echo(
+        echo(
             f"{row['name']}: {row['method']} on {row['task']}, {row['ablation']}, seed {row['seed']}, {row['author']}; {score}; {size}"
         )
 
@@ -110,10 +111,10 @@ def show(name: str) -> None:
     """Open the report page of the published run NAME, where there is a display, and say where page and card are."""
     folder = find(ROOT, name)
     page = folder / "report.html"
-    click.echo(f"{page}: the report")
-    click.echo(f"{folder / 'card.md'}: what it is, and what it shows")
+    echo(f"{page}: the report")
+    echo(f"{folder / 'card.md'}: what it is, and what it shows")
     if shows.has_display() and webbrowser.open(page.resolve().as_uri()):
-        click.echo(f"{page}: opened")
+        echo(f"{page}: opened")
 
 
 FILM_S = 2.0
@@ -193,11 +194,11 @@ def replay_command(
     if run is None:
         run = chosen(published_folders(ROOT), seed)
         if run is None:
-            click.echo(json.dumps(None) if as_json else f"no run is published in {FOLDER}/: nothing to replay")
+            echo(json.dumps(None) if as_json else f"no run is published in {FOLDER}/: nothing to replay")
             return
 
     def say(line: str) -> None:
-        click.echo(line, err=True)
+        echo(line, err=True)
 
     with tempfile.TemporaryDirectory(prefix="porse-replay-") as place:
         folder, shelf = _checked(run, Path(place) / "received", trust, say)
@@ -210,7 +211,7 @@ def replay_command(
         found = replay(folder, ROOT, keep or Path(place) / "copy", asked, shelf, trust, say)
         names, commit = names_of(read_locks(folder)), read_manifest(folder).program.get("commit", "")
     document = _document(run, found, names, seed, commit)
-    click.echo(json.dumps(document, indent=2) if as_json else _text(run, found, names, commit))
+    echo(json.dumps(document, indent=2) if as_json else _text(run, found, names, commit))
     sys.exit(0 if found.is_identical else 1)
 
 

@@ -1,10 +1,9 @@
 """A run from elsewhere, a folder or an address, copied to a folder of ours: file by file, each bounded and held to its hash."""
 
-import functools
+import asyncio
 import hashlib
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -15,6 +14,7 @@ from porse.published.manifest import (
     MANIFEST,
     MOST_MANIFEST_BYTES,
     NAME,
+    File,
     Manifest,
     check_files,
     open_plain,
@@ -24,7 +24,7 @@ from porse.published.manifest import (
 )
 
 if TYPE_CHECKING:
-    from httpx2 import Client
+    from httpx2 import AsyncClient, Response
 
 SECONDS = 600
 """So long may a run take to come."""
@@ -88,39 +88,59 @@ def _copy(source: str, target: Path) -> Manifest:
     manifest = read_manifest(folder)
     check_files(folder, manifest)
     for name in manifest.files:
-        with open_plain(folder / name, name) as file:
-            _write(iter(functools.partial(file.read, _CHUNK), b""), name, manifest, target)
+        with open_plain(folder / name, name) as file, _Writer(name, manifest.files[name], target) as writer:
+            while (block := file.read(_CHUNK)) and writer.add(block):
+                pass
     return manifest
 
 
 def _download(address: str, target: Path) -> Manifest:
     import httpx2
 
-    deadline = time.monotonic() + SECONDS
     try:
-        with httpx2.Client(timeout=_TIMEOUT_S, follow_redirects=False, trust_env=True) as client:
-            with _streamed(client, f"{address}/{MANIFEST}", deadline) as blocks:
-                data = bytearray()
-                for block in blocks:
-                    data += block
-                    if len(data) > MOST_MANIFEST_BYTES:
-                        raise refused(f"{address}/{MANIFEST}", f"at most {MOST_MANIFEST_BYTES} bytes", "more")
-            manifest = parse_manifest(bytes(data), f"{address}/{MANIFEST}")
-            for name in manifest.files:
-                with _streamed(client, f"{address}/{quote(name)}", deadline) as blocks:
-                    _write(blocks, name, manifest, target)
+        return asyncio.run(_within(address, target))
+    except TimeoutError:
+        raise refused(address, f"a run that comes within {SECONDS} s", "a slower one") from None
     except (httpx2.HTTPError, httpx2.InvalidURL) as error:
         raise PorseError(
             f"expected a published run at {address}, found no answer ({type(error).__name__}: {error}); check the address"
         ) from None
+
+
+async def _within(address: str, target: Path) -> Manifest:
+    """Copies a run from an address, as `_download` does.
+
+    Raises:
+        TimeoutError: the time for all of it is over, whatever it waits for: a connection, the next header, the next byte.
+    """
+    import httpx2
+
+    async with asyncio.timeout(SECONDS), httpx2.AsyncClient(timeout=_TIMEOUT_S, follow_redirects=False) as client:
+        data = bytearray()
+        async with _streamed(client, f"{address}/{MANIFEST}") as response:
+            async for block in response.aiter_raw():
+                data += block
+                if len(data) > MOST_MANIFEST_BYTES:
+                    raise refused(f"{address}/{MANIFEST}", f"at most {MOST_MANIFEST_BYTES} bytes", "more")
+        manifest = parse_manifest(bytes(data), f"{address}/{MANIFEST}")
+        for name, file in manifest.files.items():
+            with _Writer(name, file, target) as writer:
+                async with _streamed(client, f"{address}/{quote(name)}") as response:
+                    async for block in response.aiter_raw():
+                        if not writer.add(block):
+                            break
     return manifest
 
 
-@contextmanager
-def _streamed(client: "Client", address: str, deadline: float) -> Iterator[Iterator[bytes]]:
+@asynccontextmanager
+async def _streamed(client: "AsyncClient", address: str) -> AsyncIterator["Response"]:
+    """Yields the answer of an address, its body unread.
+
+    Raises:
+        PorseError: it is no file as it is.
+    """
     # Identity: what is packed could unpack to any size.
-    headers = {"Accept-Encoding": "identity"}
-    with client.stream("GET", address, headers=headers) as response:
+    async with client.stream("GET", address, headers={"Accept-Encoding": "identity"}) as response:
         if response.status_code != 200:
             raise PorseError(
                 f"expected {address} to answer with 200, found {response.status_code}; check the address, which is that of the "
@@ -128,27 +148,37 @@ def _streamed(client: "Client", address: str, deadline: float) -> Iterator[Itera
             )
         if response.headers.get("Content-Encoding", "identity") != "identity":
             raise refused(address, "bytes as they are", "packed ones")
-
-        def blocks() -> Iterator[bytes]:
-            for block in response.iter_raw():
-                if time.monotonic() > deadline:
-                    raise refused(address, f"a run that comes within {SECONDS} s", "a slower one")
-                yield block
-
-        yield blocks()
+        yield response
 
 
-def _write(blocks: Iterator[bytes], name: str, manifest: Manifest, target: Path) -> None:
-    """Writes a file that comes in blocks, and stops where it is larger than the manifest says."""
-    wanted, digest, size = manifest.files[name], hashlib.sha256(), 0
-    path = target / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("xb") as file:
-        for block in blocks:
-            size += len(block)
-            if size > wanted.size:
-                break
-            digest.update(block)
-            file.write(block)
-    if size != wanted.size or digest.hexdigest() != wanted.sha256:
-        raise refused(name, "the bytes that were published", "others")
+class _Writer:
+    """A file of a run that comes in blocks, as a context manager: at its end, the file is what the manifest says.
+
+    Args:
+        name: of the file.
+        wanted: what the manifest says of it.
+        target: the folder of the run.
+    """
+
+    def __init__(self, name: str, wanted: File, target: Path) -> None:
+        self._name, self._wanted, self._path = name, wanted, target / name
+        self._digest, self._size = hashlib.sha256(), 0
+
+    def __enter__(self) -> "_Writer":
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._path.open("xb")
+        return self
+
+    def add(self, block: bytes) -> bool:
+        """Writes a block, and returns whether more may come; one that is too much is not written."""
+        self._size += len(block)
+        if self._size > self._wanted.size:
+            return False
+        self._digest.update(block)
+        self._file.write(block)
+        return True
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._file.close()
+        if kind is None and File(self._digest.hexdigest(), self._size) != self._wanted:
+            raise refused(self._name, "the bytes that were published", "others")

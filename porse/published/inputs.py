@@ -8,6 +8,7 @@ from typing import Any
 
 from porse.config import leaves
 from porse.inputs.resolve import Inputs
+from porse.printing import visible
 from porse.published.manifest import SHA256, refused
 
 
@@ -37,11 +38,21 @@ def parse_inputs(data: bytes, where: str) -> Inputs:
         document = json.loads(data)
         inputs = Inputs(document["parameters"], document["files"])
         fine = isinstance(inputs.parameters, dict) and all(SHA256.fullmatch(each) for each in inputs.files.values())
+        fine = fine and is_visible([inputs.parameters, inputs.files])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         fine = False
     if not fine:
-        raise refused(where, "the inputs of a stage", "something else")
+        raise refused(where, "the inputs of a stage, without control characters", "something else")
     return inputs
+
+
+def is_visible(document: Any, keep: str = "\n\t") -> bool:
+    """Returns whether a JSON document is free of control characters; `keep` names those that its values, not its names, may have."""
+    if isinstance(document, dict):
+        return is_visible([*document], keep="") and is_visible([*document.values()], keep)
+    if isinstance(document, list):
+        return all(is_visible(each, keep) for each in document)
+    return not isinstance(document, str) or visible(document, keep) == document
 
 
 def read_folder(folder: Path) -> dict[str, Inputs]:

@@ -8,13 +8,13 @@ import hashlib
 import json
 import os
 import re
-import stat
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from porse import paths
 from porse.errors import PorseError
 from porse.identity import content_id
 
@@ -189,16 +189,11 @@ def open_plain(path: Path, name: str) -> BinaryIO:
         PorseError: it is a link, a folder, a device; `name` names it.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        return paths.open_plain(path)
     except FileNotFoundError:
         raise
     except OSError as error:
         raise refused(name, "a plain file", f"one that cannot be opened so ({error.strerror})") from None
-    file = os.fdopen(descriptor, "rb")
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        file.close()
-        raise refused(name, "a plain file", "something else")
-    return file
 
 
 def _checked(manifest: Manifest, where: str) -> Manifest:

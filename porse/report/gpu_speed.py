@@ -18,6 +18,7 @@ import torch
 
 from porse.checkpoint import write_checkpoint
 from porse.config import Params, load_document, parse_params
+from porse.printing import echo
 from porse.sim.devices import Device
 from porse.sim.placement import placed
 from porse.tasks import make_task
@@ -149,17 +150,17 @@ def main(
     """Prints the table."""
     on = Device(device, deterministic)
     name = torch.cuda.get_device_name(on.torch) if on.is_gpu else "processor"
-    click.echo(f"{device} ({name}), deterministic: {str(deterministic).lower()}, torch {torch.__version__}\n")
-    click.echo("| task | environments | environment steps/s | training steps/s | torch's GiB | ready after s |")
-    click.echo("| --- | ---: | ---: | ---: | ---: | ---: |")
+    echo(f"{device} ({name}), deterministic: {str(deterministic).lower()}, torch {torch.__version__}\n")
+    echo("| task | environments | environment steps/s | training steps/s | torch's GiB | ready after s |")
+    echo("| --- | ---: | ---: | ---: | ---: | ---: |")
     count = 0
     for row in rows(params_file, tasks, sizes, on, seconds, minutes):
         figures = f"{row.environment:,.0f} | {row.training:,.0f} | {row.gib:.1f} | {row.ready_s:.0f}"
-        click.echo(f"| {row.task} | {row.envs} | {figures} |")
+        echo(f"| {row.task} | {row.envs} | {figures} |")
         count += 1
     missing = len(tasks) * len(sizes) - count
     if missing:
-        click.echo(
+        echo(
             f"\n{missing} rows did not begin within {minutes:g} minutes; the same command is quicker now that kernels are compiled."
         )
 

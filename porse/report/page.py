@@ -13,6 +13,7 @@ from jinja2 import BaseLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from porse.errors import PorseError
+from porse.printing import visible
 from porse.report.answer import (
     Beside,
     Fact,
@@ -31,7 +32,7 @@ from porse.report.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, Chart, draw
 from porse.report.detail import Attempt, Function, charts, dropped, functions, population_chart, series_of
 from porse.report.population import ENDS, Member, anchor, members
 from porse.report.results import Results
-from porse.report.source import style_sheet, visible
+from porse.report.source import style_sheet
 from porse.report.tree import HEAD, ROW, Tree, tree
 from porse.tables import Row
 

@@ -1,7 +1,6 @@
 """Generated code as HTML: highlighted, and what differs from an earlier version. The text is hostile: it is escaped."""
 
 import difflib
-import unicodedata
 
 from markupsafe import Markup
 from pygments import highlight
@@ -9,6 +8,8 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexer import Lexer
 from pygments.lexers.diff import DiffLexer
 from pygments.lexers.python import PythonLexer
+
+from porse.printing import visible
 
 _FORMATTER = HtmlFormatter(nowrap=True)
 _CONTEXT = 3
@@ -18,14 +19,6 @@ _CONTEXT = 3
 def style_sheet() -> str:
     """Returns the style sheet that `listing` and `differences` are coloured by."""
     return str(_FORMATTER.get_style_defs("pre"))
-
-
-def visible(text: str) -> str:
-    """Returns the text with its control characters, and those that turn the direction of writing, written out."""
-    return "".join(
-        f"\\u{ord(sign):04x}" if unicodedata.category(sign) in ("Cc", "Cf") and sign not in "\n\t" else sign
-        for sign in text
-    )
 
 
 def listing(source: str) -> Markup:

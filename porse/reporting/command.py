@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from porse.paths import check_target
+from porse.printing import echo
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
@@ -37,7 +38,7 @@ def report(runs: tuple[Path, ...], compares: bool, baseline: str, out: Path, fil
     text = _compared(runs or (Path(),), baseline, out) if compares else _page(runs, baseline, films)
     out.write_text(text, encoding="utf-8")
     then = "; open it in a browser" if out.suffix == ".html" else ""
-    click.echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB{then}")
+    echo(f"{out}: {len(text.encode('utf-8')) / 1024:.0f} KiB{then}")
 
 
 def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:

@@ -19,6 +19,7 @@ import click
 from porse import tables
 from porse.config import ROOT, load_params, presets_root
 from porse.errors import PorseError
+from porse.printing import echo
 from porse.report.answer import author_of
 from porse.report.results import read_figures
 from porse.suite.folders import folders_of
@@ -174,11 +175,11 @@ def main(suites: tuple[Path, ...], folder: Path) -> None:
     old, (new, order) = read_evidence(folder), _finished(suites)
     same, other = changed(old, new)
     write_evidence(merged(old, new, order), folder)
-    click.echo(
+    echo(
         f"{len(new.runs)} runs: {len(new.runs) - len(same) - len(other)} new, {len(same)} with the same bits as before"
     )
     for entry in other:
-        click.echo(f"{entry} has other bits than before")
+        echo(f"{entry} has other bits than before")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """`porse suite`: runs many configurations from one file, and shows what came out of them."""
 
 import csv
+import io
 import json
-import sys
 from pathlib import Path
 
 import click
 
 from porse.errors import PorseError
+from porse.printing import echo
 from porse.report.trends import GROUPED, read_finished, trends, trends_table, winners_fitness
 from porse.suite.diff import diff_text, suite_diff
 from porse.suite.folders import folders_of
@@ -27,7 +28,7 @@ def suite() -> None:
 @FILE
 def run(file: Path) -> None:
     """Run every entry of FILE that is not done, each in a clone of the project. A failed entry does not stop the others."""
-    failed = run_suite(load_suite(file), Path.cwd(), str(file), click.echo)
+    failed = run_suite(load_suite(file), Path.cwd(), str(file), echo)
     if failed:
         raise PorseError(
             f"expected every entry of {file} to get to its end, found {len(failed)} that failed: {', '.join(failed)}; "
@@ -47,14 +48,14 @@ def status(file: Path, diff: bool, as_json: bool) -> None:
     statuses = suite_status(loaded, Path.cwd(), str(file))
     if diff:
         differences = suite_diff(loaded, statuses, Path.cwd())
-        click.echo(json.dumps(differences, indent=2) if as_json else diff_text(differences))
+        echo(json.dumps(differences, indent=2) if as_json else diff_text(differences))
         return
     entries = rows(statuses)
     if as_json:
-        click.echo(json.dumps({"suite": loaded.name, "entries": entries, "summary": summary(entries)}, indent=2))
+        echo(json.dumps({"suite": loaded.name, "entries": entries, "summary": summary(entries)}, indent=2))
     else:
-        click.echo(status_text(entries))
-        click.echo(f"\nlogs and results: {folders_of(loaded.name, Path()).suite}")
+        echo(status_text(entries))
+        echo(f"\nlogs and results: {folders_of(loaded.name, Path()).suite}")
 
 
 @suite.command()
@@ -79,7 +80,7 @@ def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | No
     rows = compared(loaded, folders_of(loaded.name, Path.cwd()), baseline, [Figure(name) for name in names])
     if target is not None:
         write_csv(rows, target)
-    click.echo(json.dumps(rows, indent=2) if as_json else compared_text(rows))
+    echo(json.dumps(rows, indent=2) if as_json else compared_text(rows))
 
 
 @suite.command("trends")
@@ -88,7 +89,7 @@ def compare(file: Path, baseline: str, names: tuple[str, ...], target: Path | No
 def show_trends(file: Path, as_json: bool) -> None:
     """Print beta and alpha of the winners by iteration, over the seeds of FILE's finished runs (table 18)."""
     found = trends(read_finished(folder, status.entry.variant) for status, folder in _done(file))
-    click.echo(json.dumps(found, indent=2) if as_json else trends_table(found))
+    echo(json.dumps(found, indent=2) if as_json else trends_table(found))
 
 
 @suite.command()
@@ -102,9 +103,11 @@ def curves(file: Path, as_json: bool) -> None:
         names = [getattr(status.entry, name) for name in (*GROUPED, "seed")]
         lines += [(*names, epoch, value) for epoch, value in winners_fitness(read_finished(folder))]
     if as_json:
-        click.echo(json.dumps([dict(zip(head, line, strict=True)) for line in lines], indent=2))
+        echo(json.dumps([dict(zip(head, line, strict=True)) for line in lines], indent=2))
         return
-    csv.writer(sys.stdout, lineterminator="\n").writerows([head, *lines])
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows([head, *lines])
+    echo(table.getvalue(), nl=False)
 
 
 def _done(file: Path) -> list[tuple[Status, Path]]:
