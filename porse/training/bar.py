@@ -21,7 +21,7 @@ from typing import Any
 import click
 
 from porse.errors import ParamsError
-from porse.printing import counted
+from porse.printing import counted, echo
 from porse.stage import PLAN_VARIABLE, PROGRESS_VARIABLE
 from porse.training.job import Ended, Report
 
@@ -77,14 +77,14 @@ class RungBar:
             if self._mode == "json":
                 self._tell_json("failed", candidate=name, failure=why)
             else:
-                click.echo(f"{self._label}: {name} failed: {why}")
+                echo(f"{self._label}: {name} failed: {why}")
         if kind is not None:
             return
         if self._mode == "json":
             self._tell_json("done")
         elif self._mode != "quiet":
             candidates, epochs = counted(self._candidates, "candidate"), counted(self._done, "epoch")
-            click.echo(f"{self._head()}: {candidates}, {epochs}, {self._figures()}")
+            echo(f"{self._head()}: {candidates}, {epochs}, {self._figures()}")
 
     def tell(self, event: Report | Ended) -> None:
         """Shows that one epoch of one candidate is done, and keeps the reason of one that failed for the end."""
