@@ -77,7 +77,7 @@ def written(change: Callable[[dict[str, Any]], object]) -> bytes:
         written(lambda document: document.update(format=True)),
         written(lambda document: document.update(format=1.0)),
         written(lambda document: document["reply"].update(text=["def reward():\n    return 1", ""])),
-        written(lambda document: document["request"]["messages"][1].update(content=["Fly to\nthe target."])),
+        written(lambda document: document["request"]["messages"][0].update(content=["You write rewards.\nTorch only."])),
         written(lambda document: document["request"].update(extra={})),
         written(lambda document: document["request"].update(limit="max_tokens")),
     ],

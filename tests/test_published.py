@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
+from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from porse import tables
@@ -537,7 +538,9 @@ def test_no_error_about_a_forged_run_writes_to_the_terminal_more_than_its_signs(
         pq.write_table(pa.table({TITLE: [1]}), tiny_run / "results" / "scores.parquet")
     elif kind == "policy":
         path = tiny_run / "run" / "result" / "start" / "policies" / "best.safetensors"
-        save_file({f"actor.{TITLE}": np.full((3, 3), np.nan, np.float32)}, path)
+        with safe_open(path, "np") as file:
+            said = file.metadata()
+        save_file({f"actor.{TITLE}": np.full((3, 3), np.nan, np.float32)}, path, said)
     else:
         path = tiny_run / "params.yaml"
         path.write_text(path.read_text() + '"\\e]0;mine\\a\\N\\L34 of 34 outputs identical": 1\n')
