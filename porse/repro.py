@@ -85,6 +85,8 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
         code = process.wait()
     if interrupted and code:
         say(f"stopped by Ctrl-C: {HOW_ON}")
+    elif code and quiet:
+        say("stopped: if no stage says why above, DVC does; `dvc repro --dry` prints its reason and runs nothing")
     return code
 
 
