@@ -47,6 +47,9 @@ _COMMANDS = {
 }
 """Where each command is, and what `porse --help` says of it. A command is imported when it is called."""
 
+_PROGRAMS = ("git",)
+"""Programs that the commands call by name."""
+
 _SAME_AGAIN = "run the same command again; it starts over"
 _HOW_ON = {
     "demo": "remove the --out folder and run the command again; it starts over",
@@ -97,6 +100,8 @@ class _Porse(click.Group):
             # A reader that has gone, as of `porse tables | head`, is click's; what names no file is a fault of ours.
             if error.errno == errno.EPIPE or error.filename is None:
                 raise
+            if isinstance(error, FileNotFoundError) and error.filename in _PROGRAMS:
+                raise _Failure(f"expected {error.filename} on the PATH, found none; install it") from error
             raise _Failure(
                 f"expected a file or folder that can be read and written at {error.filename}, found: {error.strerror}; "
                 "`porse doctor` checks the folders of a run"

@@ -18,6 +18,7 @@ from porse.documents import parse_yaml, read_yaml
 from porse.errors import ParamsError, PorseError
 from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import lock_files
+from porse.printing import print_line
 
 _SHOWN = 3
 """So many parameters that differ are named one by one."""
@@ -64,6 +65,13 @@ def another_run(root: Path) -> str | None:
         f"these results are another run's: expected {', '.join(now)}, as params.yaml says, found results of "
         f"{', '.join(said)}{more}; run `porse repro` for new ones, or undo the change in params.yaml"
     )
+
+
+def warn_of_another_run(root: Path) -> None:
+    """Prints a warning on standard error where the results in `root` are not those of its params.yaml."""
+    # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
+    if (root / "dvc.lock").is_file() and (warning := another_run(root)):
+        print_line("warning: ", str(warning), hang=0, err=True)
 
 
 def _committed_inputs(root: Path) -> dict[str, bytes]:

@@ -127,6 +127,7 @@ def test_results_of_another_task_say_so(root, tmp_path):
     )
     assert 'results of task: "Quadcopter", seed: 1; run `porse repro`' in said
     assert "warning: these results are another run's" in porse("results", str(tmp_path)).stderr
+    assert "warning: these results are another run's" in porse("trends", str(tmp_path)).stderr
     # Without the inputs of the run, nothing is known.
     content = cached.read_bytes()
     cached.unlink()

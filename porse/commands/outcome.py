@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from porse.commands import EXISTING
-from porse.outdated import another_run
-from porse.printing import echo, print_line
+from porse.outdated import warn_of_another_run
+from porse.printing import echo
 from porse.report.markdown import results_table
 from porse.report.results import read_results
 from porse.report.trends import read_finished, trends, trends_table
@@ -23,9 +23,7 @@ def show_results(run: Path, as_json: bool) -> None:
 
     Where params.yaml is no longer that of the run, a line on standard error says so.
     """
-    # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
-    if (run / "dvc.lock").is_file() and (warning := another_run(run)):
-        print_line("warning: ", str(warning), hang=0, err=True)
+    warn_of_another_run(run)
     found = read_results(run)
     if not as_json:
         echo(results_table(found.iterations, found.figures))
@@ -40,5 +38,8 @@ def show_results(run: Path, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of objects.")
 def show_trends(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print beta and alpha of the winners by iteration, over the finished runs in the folders RUNS, `.` by default."""
-    found = trends(read_finished(folder) for folder in runs or (Path(),))
+    folders = runs or (Path(),)
+    for folder in folders:
+        warn_of_another_run(folder)
+    found = trends(map(read_finished, folders))
     echo(json.dumps(found, indent=2) if as_json else trends_table(found))

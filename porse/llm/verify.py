@@ -67,7 +67,7 @@ def _check_file(path: Path, data: bytes, cache_dir: Path) -> Record:
     expected = cache_dir / key[:SHARD_DIGITS] / path.name
     if path != expected:
         raise CacheError(f"expected this record in {expected.parent.name}/, found it misplaced; move it there")
-    return parse_record(data, key, path.name)
+    return parse_record(data, key, path.as_posix())
 
 
 def _secrets(data: bytes) -> Iterator[str]:

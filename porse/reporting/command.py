@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from porse.outdated import warn_of_another_run
 from porse.paths import check_target
 from porse.printing import echo
 from porse.report.page import no_film, page_of, render
@@ -47,6 +48,7 @@ def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:
             "expected one folder of a run, found more, a file or --baseline; use --compare for several runs and suites"
         )
     run = runs[0] if runs else Path()
+    warn_of_another_run(run)
     results = read_results(run)
     film = winner_film(results.params, run) if films else no_film("the page was written with --no-film.")
     return render(page_of(results, film))
@@ -60,5 +62,7 @@ def _compared(runs: tuple[Path, ...], baseline: str, out: Path) -> str:
     from porse.reporting.sources import read_sources
 
     forms: Sequence[Callable[[Comparison], str]] = (html_of, markdown_of, latex_of, csv_of)
+    for run in filter(Path.is_dir, runs):
+        warn_of_another_run(run)
     form = dict(zip(FORMS, forms, strict=True))[out.suffix.lower()]
     return form(comparison(read_sources(runs), baseline))
