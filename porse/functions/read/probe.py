@@ -86,7 +86,9 @@ def _judged(request: Mapping[str, Any], values: Mapping[str, Any], limits: Limit
             return {**found, "check": "ok", "message": "", "names": program.names, "rises": program.rises}
         except CodeError as error:
             return {"check": error.check, "message": str(error)}
-    late = f"the function did not finish within {limits.cpu_s} s of processor time; use tensor operations, not long loops"
+    late = (
+        f"the function did not finish within {limits.cpu_s} s of processor time; use tensor operations, not long loops"
+    )
     reasons = {None: ("time", late), -signal.SIGXCPU: ("time", late), -signal.SIGKILL: ("memory", TOO_MUCH)}
     check, message = reasons.get(ended, ("crash", "the function ended its process"))
     return found or {"check": check, "message": message}

@@ -10,16 +10,16 @@ import ast
 import builtins
 import math
 import operator
-import string
+import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableSet, Sequence, Set, ValuesView
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence, Set, ValuesView
 from types import CodeType, MethodType, NoneType, SimpleNamespace
 from typing import Any
 
 import torch
 from torch.overrides import TorchFunctionMode
+from torch.utils._ordered_set import OrderedSet
 
 from porse.functions import contract
 from porse.functions.read.source import Source, arguments, takes_self
@@ -76,7 +76,7 @@ def compiled(source: Source) -> CodeType:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree = ast.fix_missing_locations(_Plain(source.modules).visit(source.tree))
+            tree = ast.fix_missing_locations(_Plain().visit(source.tree))
             return compile(tree, FILE, "exec", __future__.annotations.compiler_flag, dont_inherit=True)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", 0) or 0
@@ -86,30 +86,28 @@ def compiled(source: Source) -> CodeType:
 class _Plain(ast.NodeTransformer):
     """Leaves out imports, prints and asserts: nothing depends on them, and a print would look at numbers.
 
-    What the static check cannot tell is asked where it runs: whose attribute it is that has a name of the source's own, and of
-    what a text is made. Sets keep the order in which they are filled.
+    What the static check cannot tell is asked where it runs: whose an attribute is, and of what a text is made. Sets keep the
+    order in which they are filled.
     """
-
-    def __init__(self, modules: Mapping[str, str]) -> None:
-        self._modules = modules
 
     def visit(self, node: ast.AST) -> Any:
         """Returns what stands for a node, whose parts come first."""
+        match node:
+            case ast.Call(func=ast.Attribute(attr="annotate"), args=[_, value]):
+                return self.visit(value)
         self.generic_visit(node)
         match node:
             case ast.Import() | ast.ImportFrom() | ast.Assert() | ast.Expr(value=ast.Call(func=ast.Name(id="print"))):
                 return ast.copy_location(ast.Pass(), node)
             case ast.With():  # torch.no_grad() says what holds everywhere
                 return node.body
-            case ast.Call(func=ast.Attribute(attr="annotate"), args=[_, value]):
-                return value
             case ast.Set(elts=[ast.Dict() as held]):  # {{"near": r}} is what an f-string left of a dictionary
                 return held
             case ast.Set(elts=held):
                 return _asked("set", node, ast.List(elts=held, ctx=ast.Load()))
             case ast.SetComp(elt=part, generators=loops):
                 return _asked("set", node, ast.ListComp(elt=part, generators=loops))
-            case ast.Attribute(value=owner, attr=name, ctx=ast.Load()) if self._is_own(node):
+            case ast.Attribute(value=owner, attr=name):
                 return _asked("attribute", node, owner, ast.Constant(name))
             case ast.FormattedValue(value=value):
                 node.value = _asked("plain", node, value)
@@ -123,26 +121,6 @@ class _Plain(ast.NodeTransformer):
                     word = ast.Constant(type(op).__name__)
                     return ast.copy_location(ast.Expr(_asked("augment", node, owner, index, word, value)), node)
         return node
-
-    def _is_own(self, node: ast.Attribute) -> bool:
-        """Whether an attribute may be one of the source's own names: no method, and no part of a module."""
-        path = self._path(node)
-        return node.attr not in _METHODS and path not in _TYPING and (not path or offered(path) is None)
-
-    def _path(self, node: ast.expr) -> str:
-        match node:
-            case ast.Name(name):
-                return self._modules.get(name, "")
-            case ast.Attribute(owner, name) if path := self._path(owner):
-                return f"{path}.{name}"
-        return ""
-
-
-_TYPING = ("torch.jit", "torch.jit.annotate")
-"""What has no meaning where no type is read."""
-
-_METHODS = (contract.METHODS | contract.ATTRIBUTES) - {"format"}
-"""Attributes that may be asked of anything: none leads to the inside of an object."""
 
 
 def _asked(name: str, node: ast.AST, *given: ast.expr) -> ast.expr:
@@ -190,13 +168,13 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
     space["__builtins__"] = {name: getattr(builtins, name) for name in contract.BUILTINS | contract.ERRORS} | {
         "print": lambda *parts, **more: None,
         "__import__": _loaded,
-        "set": _Set,
-        "str": _Text,
+        "set": OrderedSet,
+        "str": lambda value="": str(plain(value)),
         "porse_augment": _augment,
         "porse_plain": plain,
-        "porse_set": _Set,
+        "porse_set": OrderedSet,
         "porse_attribute": lambda owner, name: _attribute(owner, name, own),
-        "getattr": lambda owner, name: _by_name(owner, name, own),
+        "getattr": lambda owner, name: _attribute(owner, name, own),
     }
     exec(code, space)
     vars(own).update({name: space[name] for name in source.constants})
@@ -209,20 +187,23 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
 
 
 def _attribute(owner: Any, name: str, own: _Holder) -> Any:
-    """Returns a variable, a constant or a function of `self`, or how a text is filled."""
-    if owner is own and name in vars(own):
-        return vars(own)[name]
+    """Returns what is offered of a value: a variable or a function of `self`, a name of a module, a method of all else."""
+    if isinstance(owner, SimpleNamespace) and name in vars(owner):
+        return vars(owner)[name]
     if isinstance(owner, str) and name == "format":
-        return partial(_Formatter().format, owner)
-    raise CodeError("static", f"the attribute .{name} is one of self alone, and is asked of a {type(owner).__name__}")
+        return lambda *given, **named: _fill(owner, given, named)
+    if owner is own or name not in contract.METHODS | contract.ATTRIBUTES:
+        raise CodeError(
+            "static", f"the attribute .{name} is one of self alone, and is asked of a {type(owner).__name__}"
+        )
+    return getattr(owner, name)
 
 
-def _by_name(owner: Any, name: Any, own: _Holder) -> Any:
-    """Returns what `_attribute` does, for a name that is put together."""
-    if owner is not own or not isinstance(name, str) or name.startswith("_") or name not in vars(own):
-        found = name[:100] if isinstance(name, str) else type(name).__name__
-        raise CodeError("static", f"getattr is for the variables of self alone, and found {found!r}")
-    return vars(own)[name]
+def _fill(text: str, given: Sequence[Any], named: Mapping[str, Any]) -> str:
+    """Returns a text with plain values in its braces."""
+    if re.search(r"{[^{}:!]*[.[]", text):  # would reach for the inside of objects
+        raise CodeError("static", "braces hold a name or a number alone when a text is filled; use an f-string")
+    return text.format(*plain(given), **plain(named))
 
 
 _WORDED = (
@@ -237,74 +218,13 @@ def plain(value: Any) -> Any:
     Raises:
         CodeError: the text would be where an object lies in memory; check "static".
     """
-    if isinstance(value, Mapping):
-        parts = [*value, *value.values()]
-    elif isinstance(value, Sequence | Set | ValuesView) and not isinstance(value, str):
-        parts = [*value]
-    elif isinstance(value, _WORDED):
-        parts = []
-    else:
+    parts = [*value, *value.values()] if isinstance(value, Mapping) else value
+    if isinstance(parts, Sequence | Set | ValuesView) and not isinstance(value, str):
+        for part in parts:
+            plain(part)
+    elif not isinstance(value, _WORDED):
         raise CodeError("static", f"a {type(value).__name__} has no text of its own; write its name out")
-    for part in parts:
-        plain(part)
     return value
-
-
-class _OfText(type):
-    """Makes `str(x)` the text of a plain value, and `isinstance(x, str)` what it was."""
-
-    def __call__(cls, value: Any = "") -> str:
-        return str(plain(value))
-
-    def __instancecheck__(cls, value: Any) -> bool:
-        return isinstance(value, str)
-
-
-class _Text(metaclass=_OfText):
-    """What `str` stands for."""
-
-
-class _Formatter(string.Formatter):
-    """Fills braces with values as they are: an attribute or an index in them would reach for the inside of objects."""
-
-    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
-        """Returns the plain value that braces name."""
-        if "." in field_name or "[" in field_name:
-            raise CodeError("static", "braces hold a name or a number alone when a text is filled; use an f-string")
-        found, used = super().get_field(field_name, args, kwargs)
-        return plain(found), used
-
-
-class _Set(MutableSet[Any]):
-    """A set in the order in which it is filled: Python's own order may follow from where objects lie in memory."""
-
-    def __init__(self, values: Iterable[Any] = ()) -> None:
-        self._held = dict.fromkeys(values)
-
-    def __contains__(self, value: object) -> bool:
-        return value in self._held
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._held)
-
-    def __len__(self) -> int:
-        return len(self._held)
-
-    def __repr__(self) -> str:
-        return f"{{{', '.join(map(repr, self))}}}" if self._held else "set()"
-
-    def add(self, value: Any) -> None:
-        self._held[value] = None
-
-    def discard(self, value: Any) -> None:
-        self._held.pop(value, None)
-
-    def copy(self) -> "_Set":
-        return _Set(self)
-
-    def update(self, *others: Iterable[Any]) -> None:
-        for other in others:
-            self._held.update(dict.fromkeys(other))
 
 
 _OPERATORS = {
