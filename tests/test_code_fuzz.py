@@ -10,9 +10,8 @@ from code_attacks import ATTACKS
 from code_cases import VARIABLES, compile_reward, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
 from porse.functions.read.confine import Limits
-from porse.functions.read.extract import extract
+from porse.functions.read.extract import Source, extract
 from porse.functions.read.sandbox import Sandbox
-from porse.functions.read.source import Source
 from porse.functions.read.states import packed
 from porse.functions.verdict import CodeError
 

@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterable
 from typing import NoReturn
 
 from porse.functions.contract import ATTRIBUTES, BUILTINS, ERRORS, HELPERS, MAX_INTEGER, MAX_LOOP, METHODS
+from porse.functions.read.extract import Source, arguments, takes_self
 from porse.functions.read.runnable import is_module, offered
-from porse.functions.read.source import Source, arguments, takes_self
 from porse.functions.verdict import Check, CodeError, words
 from porse.helpers import HELPERS_IN_SCOPE
 

@@ -10,10 +10,10 @@ import ast
 import contextlib
 import re
 from collections.abc import Container, Iterator
+from dataclasses import dataclass
 
 from porse.functions import contract
 from porse.functions.read.scan import Block, blocks, plain_lines, unwrapped
-from porse.functions.read.source import Source, arguments
 from porse.functions.verdict import CodeError, Kind, words
 
 Import = ast.Import | ast.ImportFrom
@@ -40,6 +40,54 @@ _OF_EVERY_TASK = words("actions device num_envs obs_buf progress_buf")
 _OFFERED = words("math torch np numpy abs dict float int len list max min round sum tuple")
 
 
+@dataclass(frozen=True)
+class Source:
+    """The needed code of a reply: unusual imports, constants, helpers and at last the function itself.
+
+    Attributes:
+        text: all that, dedented; the text of a candidate.
+        tree: the same, parsed; its nodes have the lines of the reply.
+        constants: the names of the module's and the classes' constants.
+        modules: dotted path for each name that stands for a module or for something imported from one.
+        classes: the names that are read as classes.
+    """
+
+    text: str
+    tree: ast.Module
+    constants: frozenset[str]
+    modules: dict[str, str]
+    classes: frozenset[str]
+
+    @property
+    def functions(self) -> list[ast.FunctionDef]:
+        """The functions, in their order."""
+        return [node for node in self.tree.body if isinstance(node, ast.FunctionDef)]
+
+    @property
+    def main(self) -> ast.FunctionDef:
+        """The function itself."""
+        return self.functions[-1]
+
+    @property
+    def last_line(self) -> int:
+        """The line of the last return of the main function."""
+        lines = (node.lineno for node in ast.walk(self.main) if isinstance(node, ast.Return))
+        return max(lines, default=self.main.lineno)
+
+
+def arguments(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
+    """Returns the arguments of a function by name, each with its default; `self` is one of them."""
+    given = function.args
+    names = [argument.arg for argument in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
+    required = len(given.posonlyargs) + len(given.args) - len(given.defaults)
+    return dict(zip(names, [*[None] * required, *given.defaults, *given.kw_defaults], strict=True))
+
+
+def takes_self(function: ast.FunctionDef) -> bool:
+    """Whether `self` is a function's first argument."""
+    return next(iter(arguments(function)), "") == "self"
+
+
 def extract(reply: str, kind: Kind) -> Source:
     """Returns the code of the last complete function of `kind` in `reply`.
 
@@ -63,7 +111,6 @@ def extract(reply: str, kind: Kind) -> Source:
         message = f"expected at most {contract.MAX_SOURCE_LINES} lines of code, found {len(parts)}"
         raise CodeError("extract", message, parts[0][0])
     text = "".join(f"{text}\n" for _, text in parts)
-    lines = tuple(line if code else number for number, _ in parts)
     tree = ast.Module([block.tree for block in (*first, *functions) if block.tree is not None], [])
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
     modules = _DEFAULT_MODULES.copy()
@@ -72,7 +119,7 @@ def extract(reply: str, kind: Kind) -> Source:
             vars(node).update(lineno=line, end_lineno=line)
         if isinstance(node, Import):
             modules |= _bound(node, node.lineno)
-    return Source(text, lines, tree, constants, modules, frozenset(node.id for node in names if _is_class(node)))
+    return Source(text, tree, constants, modules, frozenset(node.id for node in names if _is_class(node)))
 
 
 def _choose(found: list[Block], kind: Kind) -> Block:

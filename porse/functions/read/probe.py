@@ -19,7 +19,7 @@ import torch
 from porse.functions.read.check import check_source
 from porse.functions.read.confine import Limits, confine, seal
 from porse.functions.read.extract import extract
-from porse.functions.read.messages import receive, send
+from porse.functions.read.sandbox import receive, send
 from porse.functions.read.states import unpacked
 from porse.functions.read.trace import trace
 from porse.functions.read.trial import try_program

@@ -22,7 +22,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._ordered_set import OrderedSet
 
 from porse.functions import contract
-from porse.functions.read.source import Source, arguments, takes_self
+from porse.functions.read.extract import Source, arguments, takes_self
 from porse.functions.verdict import CodeError
 from porse.helpers import HELPERS_IN_SCOPE
 

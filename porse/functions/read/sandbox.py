@@ -15,12 +15,15 @@ from typing import Any, get_args
 
 from porse.errors import PorseError
 from porse.functions.read.confine import Limits
-from porse.functions.read.messages import receive, send
 from porse.functions.verdict import Check, Kind, Verdict
 from porse.numerics import ENVIRONMENT
 
 _LARGE_PAGES = {"PYTHONMALLOC": "malloc", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 """Python's memory from the C library, and that in pages of 2 MiB: a fork then takes a third of the time."""
+
+
+_MAX_MESSAGE = 4_000_000
+"""Characters of a line of JSON, which every message is."""
 
 
 class ProbeError(PorseError):
@@ -106,3 +109,22 @@ def _verdict(found: Mapping[str, Any]) -> Verdict:
         warning=str(found.get("warning", ""))[:4000],
         program=str(found.get("program", "")),
     )
+
+
+def send(peer: socket.socket, message: Mapping[str, Any]) -> None:
+    """Sends a message, to nobody where the peer has ended."""
+    with contextlib.suppress(ConnectionError):
+        peer.sendall(json.dumps(message).encode() + b"\n")
+
+
+def receive(peer: socket.socket, wall_s: float) -> dict[str, Any] | None:
+    """Returns the next message of an untrusted peer, {} where it ends or sends something else, None where it is late."""
+    peer.settimeout(wall_s)
+    try:
+        with peer.makefile("rb") as messages:
+            found = json.loads(messages.readline(_MAX_MESSAGE))
+            return found if isinstance(found, dict) else {}
+    except TimeoutError:
+        return None
+    except (ConnectionError, ValueError, RecursionError):
+        return {}

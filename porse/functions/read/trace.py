@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from porse.errors import without_places
+from porse.functions.read.extract import Source
 from porse.functions.read.runnable import FILE, RootColumns, compiled, main_function
-from porse.functions.read.source import Source
 from porse.functions.read.states import of_environments
 from porse.functions.run.operators import Watch, decides_by_data, operator
 from porse.functions.run.program import (

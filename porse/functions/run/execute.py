@@ -1,7 +1,6 @@
 """Operator lists that can be called: rewards and mappings as training sees them.
 
-A list is judged when it is first called, and made ready once: given portable forms, its numbers made tensors, and results
-written over what nobody reads any more. For another number of environments only its numbers change. A call goes through the
+A list is judged when it is first called, and made ready once: given portable forms, and its numbers made tensors. For another number of environments only its numbers change. A call goes through the
 operators in order, each of which takes its arguments from slots and fills one. It runs on the device of the variables.
 """
 
@@ -17,7 +16,7 @@ from torch import Tensor
 from porse.functions.run.operators import Operator, Watch, operator
 from porse.functions.run.portable import portable, with_norms
 from porse.functions.run.program import Program, Register, at, filled, read_program, registers
-from porse.functions.run.shapes import FEW, TOO_MUCH, Shapes, called, check_shapes, is_too_much, shapes_of
+from porse.functions.run.shapes import FEW, TOO_MUCH, called, check_shapes, is_too_much, shapes_of
 from porse.functions.verdict import CodeError, Kind, words
 
 Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
@@ -25,10 +24,6 @@ Run = tuple[Callable[..., Any], Callable[[list[Any]], Any], Any]
 
 _HELD = words("add div eq ge gt le lt mul ne rsub sub")
 """Operators of two tensors that take a number as the second one: torch makes a tensor of it in every call."""
-_IN_PLACE = words("""
-    abs add clamp clamp_max clamp_min cos div exp log mul neg reciprocal relu rsqrt sigmoid sin sqrt square sub tanh
-    """)
-"""Operators that keep shape and type, and that exist in a form that writes over the first argument."""
 
 
 class Function:
@@ -41,7 +36,7 @@ class Function:
 
     Attributes:
         program: the list.
-        shapes: what it makes for each number of environments in `FEW`, once it was called.
+        shapes: what its registers hold for each number of environments in `FEW`, once it was called.
         names: of the components, or of the progress variables.
         rises: for each progress variable, whether the task needs it to rise.
 
@@ -52,7 +47,7 @@ class Function:
     def __init__(self, text: str, kind: Kind, portable: bool) -> None:
         self.program = program = read_program(text)
         self.names, self.rises = program.names, program.rises
-        self.shapes: list[Shapes] = []
+        self.shapes: list[list[Tensor]] = []
         self._is_portable, self._num_envs = portable, -1
         if program.kind != kind:
             raise CodeError("static", f"expected the operator list of a {kind}, found that of a {program.kind}")
@@ -88,15 +83,13 @@ class Function:
         return [slots[index] for index in self.program.results]
 
 
-def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any, ...], list[Run]]:
+def _prepared(program: Program, few: Sequence[Tensor], portably: bool) -> tuple[tuple[Any, ...], list[Run]]:
     """Returns what stands in the slots behind the variables, first of registers, then of written arguments, and the runs."""
-    if portably and all(v.dtype is torch.float32 for v in few.values if v.is_floating_point()):
+    if portably and all(v.dtype is torch.float32 for v in few if v.is_floating_point()):
         program = with_norms(program)
-        few = shapes_of(program, dict(zip(program.variables, few.values, strict=False)), FEW[0])
-    begin, *_, end = starts = program.starts
-    last = {i: made for step, made in zip(program.steps, starts, strict=False) for i in registers(step.arguments)}
-    last |= dict.fromkeys([*range(begin), *program.results], end)
-    slots: list[Any] = [*few.values]
+        few = shapes_of(program, dict(zip(program.variables, few, strict=False)), FEW[0])
+    read = {*program.results, *registers([step.arguments for step in program.steps])}
+    slots: list[Any] = [*few]
     runs: list[Run] = []
 
     def place(value: Any) -> int:
@@ -109,18 +102,16 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
             runs.append((lambda *parts: parts, _taking([place(part) for part in value]), slot))
         return slot
 
-    for step, made in zip(program.steps, starts, strict=False):
-        op, example, keywords = called(step, FEW[0], few.values[0].device if few.values else None)
-        if not op.writes and last.keys().isdisjoint(range(made, made + step.makes)):
+    for step, made in zip(program.steps, program.starts, strict=False):
+        op, example, keywords = called(step, FEW[0], few[0].device if few else None)
+        if not op.writes and read.isdisjoint(range(made, made + step.makes)):
             continue  # nobody reads it
         arguments = [*step.arguments]
         call = portable(op, step.arguments) if portably else None
         if call is None:
             if op.base in _HELD and not keywords and _is_held(few, *arguments):
                 op, arguments[1] = operator(f"{op.base}.Tensor"), torch.tensor(float(arguments[1]))
-            if op.base in _IN_PLACE and not op.writes and _is_free(few, arguments[0], made, last):
-                op = operator(op.name.replace(".", "_.", 1))
-            call = _quickest(op, filled(example, few.values), keywords)
+            call = _quickest(op, filled(example, few), keywords)
         if keywords:
             call = functools.partial(call, **keywords)
         if op.returns != 1:
@@ -130,19 +121,10 @@ def _prepared(program: Program, few: Shapes, portably: bool) -> tuple[tuple[Any,
     return tuple(slots[len(program.variables) :]), runs
 
 
-def _is_held(shapes: Shapes, first: Any, second: Any) -> bool:
+def _is_held(few: Sequence[Tensor], first: Any, second: Any) -> bool:
     """Whether a number meets a tensor of floats, and may as well be one."""
-    tensor = shapes.values[first.index] if isinstance(first, Register) else torch.tensor(0)
+    tensor = few[first.index] if isinstance(first, Register) else torch.tensor(0)
     return type(second) in (int, float) and tensor.dtype is torch.float32 and tensor.dim() > 0
-
-
-def _is_free(shapes: Shapes, first: Any, made: int, last: Mapping[int, int]) -> bool:
-    """Whether a step may write over its first argument: nobody reads it later, or anything that shares its memory."""
-    if not isinstance(first, Register) or last[first.index] != made:
-        return False
-    own, other = shapes.values[first.index], shapes.values[made]
-    is_alone = sum(first.index in shared for shared in shapes.shared) == len(shapes.shared[first.index]) == 1
-    return is_alone and own.dtype == other.dtype and own.shape == other.shape and own.is_contiguous()
 
 
 def _quickest(op: Operator, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> Callable[..., Any]:

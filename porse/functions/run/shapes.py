@@ -7,7 +7,6 @@ the process or change a variable.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -44,21 +43,8 @@ def is_too_much(error: Exception) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class Shapes:
-    """What the registers of a list hold for a few environments.
-
-    Attributes:
-        values: a tensor for each register.
-        shared: for each register, the registers whose memory it may share, itself included.
-    """
-
-    values: list[Tensor]
-    shared: list[frozenset[int]]
-
-
-def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> Shapes:
-    """Returns what a list makes of the first rows of `given`, for so few environments.
+def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> list[Tensor]:
+    """Returns what each register of a list holds, made of the first rows of `given`, for so few environments.
 
     Raises:
         CodeError: it changes a variable or a constant, divides whole numbers by what may be 0 or -1, takes sizes from
@@ -69,7 +55,7 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
     values = [v[torch.arange(num_envs, device=v.device) % v.shape[0]] for v in tensors]
     device = values[0].device if values else None
     values += [constant.to(device) for constant in program.constants]
-    shared = [frozenset([index]) for index in range(len(values))]
+    shared = [frozenset([index]) for index in range(len(values))]  # whose memory each register may share
     fixed = [*program.variables, *["a constant"] * len(program.constants)]
     for step in program.steps:
         op, arguments, keywords = called(step, num_envs, device)
@@ -93,7 +79,7 @@ def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> S
         for value in parts:
             shared.append(sources | {len(values)})
             values.append(value)
-    return Shapes(values, shared)
+    return values
 
 
 def called(step: Step, num_envs: int, device: torch.device | None) -> tuple[Operator, list[Any], dict[str, Any]]:
@@ -117,7 +103,7 @@ def _size(op: Operator, arguments: Sequence[Any]) -> int:
     return size
 
 
-def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None:
+def check_shapes(program: Program, few: Sequence[Sequence[Tensor]], num_envs: int) -> None:
     """Refuses a list whose results are no vectors of floats, or that makes too much for so many environments, or 2 048.
 
     Its shapes for the first two numbers of `FEW`, which are given, tell those for any number, if they tell those for the third.
@@ -125,8 +111,8 @@ def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None
     Raises:
         CodeError: checks "shape" and "memory".
     """
-    for shapes, rows in zip(few, FEW, strict=True):
-        for value in (shapes.values[index] for index in program.results):
+    for values, rows in zip(few, FEW, strict=True):
+        for value in (values[index] for index in program.results):
             if value.shape != (rows,) or value.dtype is not torch.float32:
                 found = f"{value.dtype} of {tuple(value.shape)}; validate the function again"
                 raise CodeError("shape", f"expected floats of shape ({rows},), found {found}")
@@ -142,14 +128,14 @@ def check_shapes(program: Program, few: Sequence[Shapes], num_envs: int) -> None
         raise CodeError("memory", TOO_MUCH)
 
 
-def makes_pairs(few: Sequence[Shapes]) -> bool:
+def makes_pairs(few: Sequence[Sequence[Tensor]]) -> bool:
     """Whether a list makes something for every pair of environments, by its shapes for the numbers of `FEW`."""
     return any(sum(one != other for one, other, _ in sides) > 1 for sides in _sides(few))
 
 
-def _sides(few: Sequence[Shapes]) -> Iterator[list[tuple[int, ...]]]:
+def _sides(few: Sequence[Sequence[Tensor]]) -> Iterator[list[tuple[int, ...]]]:
     """Yields the sizes of each register, dimension by dimension, each in all small runs side by side."""
-    return (list(zip(*(v.shape for v in values), strict=True)) for values in zip(*(s.values for s in few), strict=True))
+    return (list(zip(*(v.shape for v in values), strict=True)) for values in zip(*few, strict=True))
 
 
 def check_call(op: Operator, arguments: Sequence[Any]) -> None:
