@@ -1,12 +1,13 @@
 """Variables, states and small sources that the tests of generated code share."""
 
+import ast
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
 
 from porse.functions.read.check import check_source
-from porse.functions.read.extract import extract
+from porse.functions.read.extract import Source, extract
 from porse.functions.read.trace import trace
 from porse.functions.run.execute import Function
 from porse.functions.run.program import Program
@@ -31,6 +32,11 @@ VARIABLES = [
     variable("device", kind="device"),
 ]
 """Small names for tests that are about the language and not about a task."""
+
+
+def lines_of(source: Source) -> list[int]:
+    """Returns the line of the reply of every statement of a source."""
+    return sorted(node.lineno for node in ast.walk(source.tree) if isinstance(node, ast.stmt))
 
 
 def values(rows: int = 16, variables: Sequence[Variable] = VARIABLES, seed: int = 0) -> dict[str, Any]:

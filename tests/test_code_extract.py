@@ -2,6 +2,7 @@
 
 import pytest
 
+from code_cases import lines_of
 from porse.functions.read.extract import extract
 from porse.functions.verdict import CodeError
 
@@ -10,13 +11,13 @@ PLAIN = "def compute_reward(a):\n    return a, {}\n"
 
 def test_a_bare_function_is_its_own_source():
     found = extract(PLAIN, "reward")
-    assert (found.text, found.lines, found.main.name) == (PLAIN, (1, 2), "compute_reward")
+    assert (found.text, found.main.name, found.main.lineno) == (PLAIN, "compute_reward", 1)
 
 
 def test_lines_are_those_of_the_reply():
     found = extract(f"Here it is.\n\n```python\nimport torch\n{PLAIN}```\n", "reward")
     assert found.text == PLAIN
-    assert found.lines == (5, 6)
+    assert (found.main.lineno, found.last_line) == (5, 6)
 
 
 def test_decorators_imports_and_prose_stay_behind():
@@ -25,7 +26,7 @@ def test_decorators_imports_and_prose_stay_behind():
     )
     found = extract(reply, "reward")
     assert found.text == PLAIN
-    assert found.lines == (4, 5)
+    assert (found.main.lineno, found.last_line) == (4, 5)
 
 
 def test_windows_line_ends_and_tabs_are_made_plain():
@@ -61,21 +62,21 @@ def test_the_tree_has_the_lines_of_the_reply():
 
 def test_code_that_json_holds_is_on_the_line_of_its_object():
     found = extract('Here:\n\n{"code": "T = 2.0\\ndef compute_reward(a):\\n    return a * T, {}\\n"}', "reward")
-    assert (found.lines, found.last_line, [node.lineno for node in found.tree.body]) == ((3, 3, 3, 3), 3, [3, 3])
+    assert (lines_of(found), found.last_line) == ([3, 3, 3], 3)
 
 
 def test_helpers_and_constants_come_along_when_they_are_read():
     reply = "T = 0.5\nU = 1.0\n\ndef unused(x):\n    return x\n\ndef h(x):\n    return x / T\n\ndef compute_reward(a):\n    return h(a), {}\n"
     found = extract(reply, "reward")
     assert found.text == "T = 0.5\n\ndef h(x):\n    return x / T\n\ndef compute_reward(a):\n    return h(a), {}\n"
-    assert found.lines == (1, 7, 7, 8, 10, 10, 11)
+    assert lines_of(found) == [1, 7, 8, 10, 11]
 
 
 def test_constants_of_several_lines_come_along():
     reply = "(The weights\nW = {\n    'near': 1.0,  # most\n    'far': 0.5,\n}\nU = [\n    1,\n]\n\ndef compute_reward(a):\n    return W['far'] * a, {}\n"
     found = extract(reply, "reward")
     assert found.text.startswith("W = {\n'near': 1.0,  # most\n'far': 0.5,\n}\n\ndef compute_reward")
-    assert found.lines == (2, 3, 4, 5, 10, 10, 11)
+    assert lines_of(found) == [2, 10, 11]
 
 
 def test_an_open_bracket_in_prose_swallows_nothing():

@@ -6,7 +6,7 @@ import time
 import pytest
 import torch
 
-from code_cases import VARIABLES, RewardFunction, compile_mapping, compile_reward, reward, traced, values
+from code_cases import VARIABLES, RewardFunction, compile_mapping, compile_reward, lines_of, reward, traced, values
 from porse.functions.read.confine import Limits
 from porse.functions.read.extract import extract
 from porse.functions.read.sandbox import Sandbox
@@ -165,7 +165,7 @@ def test_thinking_is_dropped_closed_or_not(reply):
     found = extract(reply, "reward")
     assert found.text == GOOD
     lines = reply.split("\n")
-    assert [lines[number - 1] for number in found.lines] == GOOD.splitlines()
+    assert [lines[number - 1] for number in lines_of(found)] == GOOD.splitlines()
 
 
 def test_thinking_alone_holds_no_function():

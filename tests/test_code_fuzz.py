@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from code_attacks import ATTACKS
-from code_cases import VARIABLES, compile_reward, reward, values
+from code_cases import VARIABLES, compile_reward, lines_of, reward, values
 from porse.functions.contract import METHODS, TORCH_FUNCTIONS
 from porse.functions.read.confine import Limits
 from porse.functions.read.extract import Source, extract
@@ -51,7 +51,7 @@ def _extracts(reply, kind):
         _is_useful(error, reply)
         return None
     assert isinstance(found, Source)
-    assert len(found.lines) == found.text.count("\n")
+    assert all(1 <= line <= reply.count("\n") + reply.count("\r") + 1 for line in lines_of(found))
     return found.text
 
 

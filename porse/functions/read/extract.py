@@ -225,11 +225,7 @@ def _needed(main: Block, found: list[Block], beside: list[Block]) -> tuple[list[
 
 
 def _bound(node: Import, line: int) -> dict[str, str]:
-    """Returns what an import line would bind of torch, math and numpy: local name to dotted path. Nothing is imported.
-
-    Raises:
-        CodeError: the module is not one of `MODULES`.
-    """
+    """Returns what an import line would bind of torch, math and numpy: local name to dotted path. Nothing is imported."""
     names = {}
     module = "." * node.level + (node.module or "") if isinstance(node, ast.ImportFrom) else ""
     for alias in node.names:

@@ -76,14 +76,14 @@ def compiled(source: Source) -> CodeType:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree = ast.fix_missing_locations(_Plain().visit(source.tree))
+            tree = ast.fix_missing_locations(_Runnable().visit(source.tree))
             return compile(tree, FILE, "exec", __future__.annotations.compiler_flag, dont_inherit=True)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", 0) or 0
         raise CodeError("syntax", f"Python cannot compile the function: {getattr(error, 'msg', error)}", line) from None
 
 
-class _Plain(ast.NodeTransformer):
+class _Runnable(ast.NodeTransformer):
     """Leaves out imports, prints and asserts: nothing depends on them, and a print would look at numbers.
 
     What the static check cannot tell is asked where it runs: whose an attribute is, and of what a text is made. Sets keep the
@@ -169,9 +169,9 @@ def main_function(source: Source, code: CodeType, values: Mapping[str, Any]) -> 
         "print": lambda *parts, **more: None,
         "__import__": _loaded,
         "set": OrderedSet,
-        "str": lambda value="": str(plain(value)),
+        "str": lambda value="": str(_plain(value)),
         "porse_augment": _augment,
-        "porse_plain": plain,
+        "porse_plain": _plain,
         "porse_set": OrderedSet,
         "porse_attribute": lambda owner, name: _attribute(owner, name, own),
         "getattr": lambda owner, name: _attribute(owner, name, own),
@@ -193,9 +193,8 @@ def _attribute(owner: Any, name: str, own: _Holder) -> Any:
     if isinstance(owner, str) and name == "format":
         return lambda *given, **named: _fill(owner, given, named)
     if owner is own or name not in contract.METHODS | contract.ATTRIBUTES:
-        raise CodeError(
-            "static", f"the attribute .{name} is one of self alone, and is asked of a {type(owner).__name__}"
-        )
+        found = "self" if owner is own else f"a {type(owner).__name__}"
+        raise CodeError("static", f"expected a variable of self or a method that is offered, found .{name} of {found}")
     return getattr(owner, name)
 
 
@@ -203,7 +202,7 @@ def _fill(text: str, given: Sequence[Any], named: Mapping[str, Any]) -> str:
     """Returns a text with plain values in its braces."""
     if re.search(r"{[^{}:!]*[.[]", text):  # would reach for the inside of objects
         raise CodeError("static", "braces hold a name or a number alone when a text is filled; use an f-string")
-    return text.format(*plain(given), **plain(named))
+    return text.format(*_plain(given), **_plain(named))
 
 
 _WORDED = (
@@ -212,16 +211,12 @@ _WORDED = (
 """What has the same text in every process; numbers of tensors are not to be had, which torch is asked for."""
 
 
-def plain(value: Any) -> Any:
-    """Returns a value whose text is the same in every process.
-
-    Raises:
-        CodeError: the text would be where an object lies in memory; check "static".
-    """
+def _plain(value: Any) -> Any:
+    """Returns a value whose text is the same in every process; refuses one whose text says where it lies in memory."""
     parts = [*value, *value.values()] if isinstance(value, Mapping) else value
     if isinstance(parts, Sequence | Set | ValuesView) and not isinstance(value, str):
         for part in parts:
-            plain(part)
+            _plain(part)
     elif not isinstance(value, _WORDED):
         raise CodeError("static", f"a {type(value).__name__} has no text of its own; write its name out")
     return value

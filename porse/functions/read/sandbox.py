@@ -1,4 +1,4 @@
-"""The parent's side of the probe: one child process that loads torch once, and a verdict for each source sent to it."""
+"""The parent's side of the probe: one child process that loads torch once, a verdict for each reply, and their messages."""
 
 import contextlib
 import json
@@ -20,10 +20,6 @@ from porse.numerics import ENVIRONMENT
 
 _LARGE_PAGES = {"PYTHONMALLOC": "malloc", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 """Python's memory from the C library, and that in pages of 2 MiB: a fork then takes a third of the time."""
-
-
-_MAX_MESSAGE = 4_000_000
-"""Characters of a line of JSON, which every message is."""
 
 
 class ProbeError(PorseError):
@@ -118,11 +114,11 @@ def send(peer: socket.socket, message: Mapping[str, Any]) -> None:
 
 
 def receive(peer: socket.socket, wall_s: float) -> dict[str, Any] | None:
-    """Returns the next message of an untrusted peer, {} where it ends or sends something else, None where it is late."""
+    """Returns the next message of an untrusted peer, {} where it ends, sends anything else or 4 MB, None where it is late."""
     peer.settimeout(wall_s)
     try:
         with peer.makefile("rb") as messages:
-            found = json.loads(messages.readline(_MAX_MESSAGE))
+            found = json.loads(messages.readline(4_000_000))
             return found if isinstance(found, dict) else {}
     except TimeoutError:
         return None

@@ -135,11 +135,7 @@ def _depth(line: str) -> int:
 
 
 def _statements(text: Sequence[str], lines: Sequence[int]) -> list[ast.stmt]:
-    """Returns the statements of a text, at most so many and so deep; their nodes have the reply's lines, which are given.
-
-    Raises:
-        CodeError: it is no Python, or too large; check "syntax" with the line of the reply.
-    """
+    """Returns the statements of a text, at most so many and so deep; their nodes have the reply's lines, which are given."""
     joined = "\n".join(text)
     hidden = next((c for c in joined if c != "\n" and not c.isprintable()), "")
     if hidden:

@@ -4,7 +4,6 @@ The function runs on real states of three numbers of environments, which share n
 the runs must be multiples of that number plus a constant; all else must be the same, so that the list holds for any number.
 """
 
-import math
 import re
 import traceback
 from collections.abc import Mapping, Sequence
@@ -19,18 +18,7 @@ from porse.functions.read.extract import Source
 from porse.functions.read.runnable import FILE, RootColumns, compiled, main_function
 from porse.functions.read.states import of_environments
 from porse.functions.run.operators import Watch, decides_by_data, operator
-from porse.functions.run.program import (
-    MAX_CONSTANTS,
-    MAX_STEPS,
-    TYPES,
-    Program,
-    Register,
-    Rows,
-    Share,
-    Step,
-    mapped,
-    registers,
-)
+from porse.functions.run.program import MAX_NUMBERS, MAX_STEPS, TYPES, Program, Register, Step, grown, mapped, registers
 from porse.functions.run.shapes import BY_MASK, TOO_MUCH, check_call, is_too_much
 from porse.functions.verdict import MAX_COMPONENTS, MAX_NAMES, Check, CodeError, Kind, plain_name
 
@@ -146,8 +134,8 @@ class _Recorder(Watch):
             call.variables.append(name)
         if found is None:
             # Python made it of numbers; a copy of it is what the function has, and may change.
-            if value.numel() > MAX_CONSTANTS or value.dtype not in TYPES.values():
-                message = f"a tensor of more than {MAX_CONSTANTS} written numbers, or of complex ones, is not allowed"
+            if value.numel() > MAX_NUMBERS or value.dtype not in TYPES.values():
+                message = f"a tensor of more than {MAX_NUMBERS} written numbers, or of complex ones, is not allowed"
                 raise CodeError("static", message)
             call.steps.append(Step("clone.default", (Register(_KIND + len(call.constants)),), ()))
             call.constants.append((value.dtype, value.tolist()))
@@ -291,7 +279,10 @@ def _program(kind: Kind, calls: Sequence[_Call], counts: Sequence[int]) -> Progr
     def one(found: Sequence[Any]) -> Any:
         if all(isinstance(value, tuple) and len(value) == len(found[0]) for value in found):
             return tuple(one(parts) for parts in zip(*found, strict=True))
-        return found[0] if all(repr(value) == repr(found[0]) for value in found) else _number(found, counts)
+        number = found[0] if all(repr(value) == repr(found[0]) for value in found) else grown(found, counts)
+        if number is None and found[0] is not None:
+            raise CodeError("static", _GROWS)
+        return number
 
     writes = {step.operator for step in first.steps if operator(step.operator).writes}
     same: dict[int, int] = {}
@@ -336,22 +327,3 @@ def _moved(step: Step, to: Mapping[int, int]) -> Step:
         return Register(to.get(leaf.index, leaf.index)) if isinstance(leaf, Register) else leaf
 
     return replace(step, arguments=mapped(step.arguments, changed))
-
-
-def _number(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share:
-    """Returns what grows or shrinks with the number of environments.
-
-    Raises:
-        CodeError: it does neither; check "static".
-    """
-    candidates: list[Rows | Share] = []
-    if all(type(value) is int for value in found):
-        times = (found[2] - found[0]) // (counts[2] - counts[0])
-        candidates = [Rows(times, found[0] - times * counts[0])]
-    elif all(type(value) is float and math.isfinite(value * _MANY) for value in found):
-        of = found[0] * counts[0]
-        candidates = [Share(of), Share(float(round(of)))]
-    for grown in candidates:
-        if all(grown.at(count) == value for count, value in zip(counts, found, strict=True)):
-            return grown
-    raise CodeError("static", _GROWS)

@@ -112,11 +112,7 @@ def _may_step(program: Program, result: int) -> bool:
 
 
 def _check_rows(function: Function, values: Mapping[str, Any], outputs: Mapping[str, Tensor]) -> str:
-    """Returns a warning where an environment's results hang on the other environments.
-
-    Raises:
-        CodeError: they do because shapes met by accident, and made something for every pair of them; check "shape".
-    """
+    """Returns a warning where an environment's results hang on the others; refuses what makes something for every pair."""
     count = values["num_envs"] // 2
     found = _outputs(function, of_environments(values, count))
     close = {w: torch.allclose(v[:count], found[w], rtol=1e-3, atol=1e-5, equal_nan=True) for w, v in outputs.items()}

@@ -21,7 +21,7 @@ from porse.identity import canonical_json
 MAX_TEXT = 1_000_000
 """Characters of a list."""
 MAX_STEPS = 4_000
-MAX_CONSTANTS = 20_000
+MAX_NUMBERS = 20_000
 """Numbers in all constants together."""
 MAX_DEPTH = 6
 """Lists within an argument, or within a constant."""
@@ -132,6 +132,18 @@ def leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
+def grown(found: Sequence[Any], counts: Sequence[int]) -> Rows | Share | None:
+    """Returns the number that is what was found for each number of environments, None where there is none."""
+    candidates: list[Rows | Share] = []
+    if all(type(value) is int for value in found):
+        times = (found[-1] - found[0]) // (counts[-1] - counts[0])
+        candidates = [Rows(times, found[0] - times * counts[0])]
+    elif all(type(value) is float and math.isfinite(value * counts[-1]) for value in found):
+        of = found[0] * counts[0]
+        candidates = [Share(of), Share(float(round(of)))]
+    return next((number for number in candidates if [*map(number.at, counts)] == [*found]), None)
+
+
 def registers(value: Any) -> Iterator[int]:
     """Yields the registers in an argument, with repetitions."""
     return (leaf.index for leaf in leaves(value) if isinstance(leaf, Register))
@@ -205,7 +217,7 @@ def _program(kind: Any, variables: Any, constants: Any, steps: Any, results: Any
         tuple(rises),
     )
     count, depth = (sum(c.numel() for c in program.constants), max((c.dim() for c in program.constants), default=0))
-    _expect(count <= MAX_CONSTANTS, f"at most {MAX_CONSTANTS} numbers in its constants", count)
+    _expect(count <= MAX_NUMBERS, f"at most {MAX_NUMBERS} numbers in its constants", count)
     _expect(depth <= MAX_DEPTH, "constants of little depth", depth)
     _expect(len(set(program.variables)) == len(program.variables), "each variable once", program.variables)
     *starts, end = program.starts

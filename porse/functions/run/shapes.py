@@ -38,9 +38,7 @@ MAX_SMALL = 2**24
 def is_too_much(error: Exception) -> bool:
     """Whether an error says that there is no more memory."""
     said = [part for part in error.args if isinstance(part, str)]  # a tensor's text cannot be had in a confined process
-    return isinstance(error, MemoryError) or any(
-        w in text for text in said for w in ("DefaultCPUAllocator", "bad_alloc")
-    )
+    return isinstance(error, MemoryError) or any(w in s for s in said for w in ("DefaultCPUAllocator", "bad_alloc"))
 
 
 def shapes_of(program: Program, given: Mapping[str, Tensor], num_envs: int) -> list[Tensor]:
