@@ -250,3 +250,26 @@ def test_texts_are_filled_with_values():
         result="x, {k: x, m: x, s: x}",
     )
     assert traced(source, "reward", VARIABLES).names == ("near_0_2", "at_3", "21_5")
+
+
+def test_getattr_leads_to_what_may_be_written_after_a_dot(sandbox):
+    lines = ("x = getattr(self, 'a')[:, 0]", "x = getattr(x.abs(), 'square')()")
+    assert sandbox.judge(reward(*lines, arguments="self"), "reward")[0].passed
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("'gi_' + 'frame'", "expected a variable of self or a method that is offered, found .gi_frame of a generator"),
+        ("'nu' + 'mpy'", "expected a variable of self or a method that is offered, found .numpy of a generator"),
+        ("torch.exp", "a builtin_function_or_method has no text of its own; write its name out"),
+    ],
+)
+def test_getattr_leads_to_nothing_else(sandbox, name, found):
+    verdict = sandbox.judge(reward("g = (k for k in range(2))", f"y = getattr(g, {name})", "x = a[:, 0]"), "reward")[0]
+    assert (verdict.check, verdict.line, verdict.message) == ("static", 3, found)
+
+
+def test_self_has_no_methods_of_what_stands_for_it(sandbox):
+    verdict = sandbox.judge(reward("y = getattr(self, 'cop' + 'y')", "x = self.a[:, 0]", arguments="self"), "reward")[0]
+    assert (verdict.check, verdict.message.rpartition("found ")[2]) == ("static", ".copy of self")

@@ -193,8 +193,8 @@ def _attribute(owner: Any, name: str, own: _Holder) -> Any:
     if isinstance(owner, str) and name == "format":
         return lambda *given, **named: _fill(owner, given, named)
     if owner is own or name not in contract.METHODS | contract.ATTRIBUTES:
-        found = "self" if owner is own else f"a {type(owner).__name__}"
-        raise CodeError("static", f"expected a variable of self or a method that is offered, found .{name} of {found}")
+        found = f".{str(_plain(name))[:100]} of {'self' if owner is own else f'a {type(owner).__name__}'}"
+        raise CodeError("static", f"expected a variable of self or a method that is offered, found {found}")
     return getattr(owner, name)
 
 
