@@ -1,259 +1,347 @@
-"""`porse llm estimate`: what a run still has to ask, from its schedule and the sizes of recorded replies.
-
-It stands here, and joins the other commands of `porse llm`, because it knows both the schedule and the cache.
-"""
+"""`porse estimate`: what a run takes before it starts, from its schedule and a measurement of a few seconds on this machine."""
 
 import dataclasses
 import json
 import math
-from collections import defaultdict
-from collections.abc import Sequence
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
-from porse.config import Params, load_params
-from porse.llm.cli import CACHE, JSON, PARAMS, PROFILE, llm, with_profile
-from porse.llm.ledger import totals
-from porse.llm.pending import price_of
-from porse.llm.record import Record, cost_usd
-from porse.llm.request import LONGER_FACTOR, Message, Origin, request_of
-from porse.llm.stats import text_table
+from porse import numerics
+from porse.config import Params, load_document, parse_params
+from porse.documents import parse_yaml
+from porse.errors import ParamsError, PorseError
 from porse.llm.store import Store
+from porse.llm_estimate import REPAIRS, estimated, planned_questions
+from porse.plan import EVALUATE, planned
 from porse.printing import echo
+from porse.search.elimination import how_many_go_on
+from porse.search.lengths import alpha_is_searched, probe_trainings, rung_epochs
+from porse.search.schedule import first_candidates, is_searched, mutants, total_epochs, work
+from porse.task_names import is_own
+from porse.training.bar import in_words
+from porse.training.limits import limits_from_environment
+from porse.training.memory import training_mib
+from porse.training.remote import is_on_gpu
 
-BYTES_PER_TOKEN = 4.0
-"""Of English and code, where nobody counted tokens."""
-
-REPAIRS = "validate-code"
+DAY_S = 86_400
+MEASURED_STEPS = 4096
+"""Steps of one measured epoch at most: what takes longer is measured with fewer environments, and counted by the step."""
+ROW_BYTES = 10
+"""Of one value of the curves in a table: 8 in the default run's."""
 
 
 @dataclass(frozen=True)
-class Planned:
-    """One question that the schedule has, with what is known of it beforehand.
+class Measured:
+    """What a few seconds of training showed.
 
     Attributes:
-        origin: where it is asked.
-        kind: what it asks for: reward, mapping, beta or alpha.
-        opening: the texts that its first messages begin with, as far as they are known.
-        description: the task in words, which every question has.
+        step_s: seconds of one training for each environment step, its part of PPO included.
+        fixed_bytes: of a checkpoint, whatever the number of environments.
+        env_bytes: of a checkpoint, for each environment.
+        series: values in the curves for each epoch.
+        observations: width of an observation.
+        actions: width of an action.
     """
 
-    origin: Origin
-    kind: str
-    opening: tuple[str, ...]
-    description: str
+    step_s: float
+    fixed_bytes: int
+    env_bytes: float
+    series: int
+    observations: int
+    actions: int
 
 
 @dataclass(frozen=True)
-class Line:
-    """What is asked in one iteration for one kind.
+class Effort:
+    """What a run takes.
 
     Attributes:
-        iteration: from 1.
-        stage: the stage that asks.
-        kind: what is asked for.
-        planned: questions that the schedule has, or that repairs are expected to take.
+        search_epochs: epochs of all candidates.
+        evaluation_epochs: epochs of the winning lineage with further seeds, at most.
+        steps: environment steps of both.
+        steps_per_second: of one training.
+        at_once: trainings side by side.
+        seconds: of all trainings, on a machine that has nothing else to do.
+        disk_bytes: of the run's folders and of DVC's cache.
+        memory_mib: of one training, beyond the libraries'.
+        replies: questions of the schedule to a model.
         recorded: how many of them have a recorded reply.
-        prompt_tokens: what one of the others is expected to read.
-        completion_tokens: what one of the others is expected to write.
     """
 
-    iteration: int
-    stage: str
-    kind: str
-    planned: int
+    search_epochs: int
+    evaluation_epochs: int
+    steps: int
+    steps_per_second: float
+    at_once: int
+    seconds: float
+    disk_bytes: int
+    memory_mib: int
+    replies: int
     recorded: int
-    prompt_tokens: float
-    completion_tokens: float
 
     @property
-    def to_ask(self) -> int:
-        """How many are still to be asked."""
-        return self.planned - self.recorded
+    def warning(self) -> str:
+        """A sentence where the trainings take more than a day, else an empty text."""
+        if self.seconds <= DAY_S:
+            return ""
+        return (
+            f"the trainings alone take about {in_words(self.seconds)} with {self.at_once} at once, more than a day; a smaller size, more "
+            "CPUs, several machines or a GPU make it shorter (docs/cluster.md)"
+        )
 
 
-@llm.command()
-@CACHE
-@PARAMS
-@PROFILE
-@click.option(
-    "--prompts",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("prompts"),
-    show_default=True,
-    help="Folder of prompt texts.",
-)
-@JSON
-def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: Path, as_json: bool) -> None:
-    """Estimate the requests, tokens and cost that a run still needs."""
-    params = load_params(params_path)
-    params = dataclasses.replace(params, llm=with_profile(params.llm, profile))
-    store = Store(cache_dir)
-    records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
-    lines = estimated(planned_questions(params, prompts), records, params)
-    if as_json:
-        rows = [{**dataclasses.asdict(line), **_numbers([line], params)} for line in lines]
-        most = {"requests_at_most": _most(lines, params), "profile": params.llm.profile}
-        echo(json.dumps({"lines": rows, "total": {**_numbers(lines, params), **most}}, indent=2))
-        return
-    echo(_table(lines, params))
-    counted = sum(None not in (record.answer.prompt_tokens, record.answer.completion_tokens) for record in records)
-    ledger = totals(store)
-    echo()
-    echo(_summary(lines, params))
-    echo(
-        f"sizes: of {len(records)} recorded replies, {counted} with counted tokens; {BYTES_PER_TOKEN:g} bytes are a token "
-        "elsewhere, and a reply of which none is recorded is as long as llm.max_tokens"
-    )
-    echo(f"the ledger of this checkout, which budgets count: {ledger.requests} requests, {ledger.usd:.6f} USD")
+def effort_of(params: Params, measured: Measured, at_once: int, crowd: int, replies: int, recorded: int) -> Effort:
+    """Returns what a run takes.
 
-
-def planned_questions(params: Params, prompts: Path) -> list[Planned]:
-    """Returns the questions of the schedule that a model answers, in the order of the run, without repairs."""
-    # Imported here: these load the tasks, and with them a physics engine.
-    from porse.generation.about import about
-    from porse.generation.answers import writer
-    from porse.generation.conversations import Brief, conversation
-    from porse.generation.functions import first_places
-    from porse.search.schedule import DRAW, is_searched, mutants, varied
-    from porse.tasks import find_task
-
-    task = find_task(params.task)
-    brief = Brief(
-        prompts=prompts,
-        about=about(task),
-        environment=task.observation_source().strip(),
-        has_bonus=params.candidate.bonus != "none",
-        beyond_goal=params.generate.beyond_goal,
-        winner=None,
-        feedback=[],
-        breedings={},
-        members={},
-        member_feedback=[],
-    )
-    found: list[Planned] = []
-    for n in (entry.n for entry in params.iterations):
-        for kind, slot in first_places(params, n):
-            opening = tuple(message.content for message in conversation(brief, kind, slot))
-            found.append(Planned(Origin("generate", n, f"{kind} {slot}"), kind, opening, task.DESCRIPTION))
-        value = varied(params, n)
-        if is_searched(params, n) and mutants(params, n) and value != DRAW:
-            found.append(Planned(Origin("mutate", n, f"{value}, attempt 0"), value, (), task.DESCRIPTION))
-    return [question for question in found if not writer(question.kind, params)]
-
-
-def estimated(questions: Sequence[Planned], records: Sequence[Record], params: Params) -> list[Line]:
-    """Returns what is recorded of the questions and what is still to be asked, by iteration, stage and kind.
-
-    A question counts as recorded when a reply to the same model and settings was first asked for at its place and begins
-    as it does. From the first iteration on that lacks a reply, later questions are unknown, so all are to be asked.
+    Args:
+        params: the run's parameters.
+        measured: what its trainings take.
+        at_once: trainings side by side.
+        crowd: how many may share their CPUs at the end of a pool (`porse.training.limits`).
+        replies: questions of the schedule to a model.
+        recorded: how many of them have a recorded reply.
     """
-    places: defaultdict[Origin, list[Record]] = defaultdict(list)
-    for record in records:
-        places[record.provenance.origin].append(record)
-    groups: defaultdict[tuple[int, str, str], list[bool]] = defaultdict(list)
-    openings = {(question.origin.stage, question.kind): question.opening for question in questions}
-    first_open = math.inf
-    for question in questions:
-        origin = question.origin
-        # What is asked at half time depends on all that was asked at the start.
-        place = origin.iteration + (0.5 if origin.stage == "mutate" else 0.0)
-        known = place <= first_open and any(_answers(record, question, params) for record in places[origin])
-        if not known:
-            first_open = min(first_open, place)
-        groups[origin.iteration, origin.stage, question.kind].append(known)
-    lines: list[Line] = []
-    for (iteration, stage, kind), known_ones in groups.items():
-        sizes = _sizes(records, iteration, stage, kind, openings[stage, kind], params)
-        lines.append(Line(iteration, stage, kind, len(known_ones), sum(known_ones), *sizes))
-        if stage == "generate":
-            repairs = math.ceil(_repair_rate(records, kind) * lines[-1].to_ask)
-            sizes = _sizes(records, iteration, REPAIRS, kind, openings[stage, kind], params)
-            lines += [Line(iteration, REPAIRS, kind, repairs, 0, *sizes)] if repairs else []
-    return lines
-
-
-def _answers(record: Record, question: Planned, params: Params) -> bool:
-    """Returns whether a reply recorded at a question's place was asked for as the question would be now."""
-    request = record.request
-    texts = [message.content for message in request.messages]
-    begins = len(texts) >= len(question.opening) and all(
-        text.startswith(start) for text, start in zip(texts, question.opening, strict=False)
+    train = params.train
+    epoch_steps = train.num_envs * train.steps_per_epoch
+    epoch_s = epoch_steps * measured.step_s
+    costs = [cost for entry in params.iterations for cost in work(params, entry.n) if cost.candidates]
+    rounds_s = [rung_s(cost.candidates, cost.epochs / cost.candidates * epoch_s, at_once, crowd) for cost in costs]
+    [links] = [stage.bars for stage in planned(params) if stage.name == EVALUATE]
+    link = max(rung.until for rung in params.rungs) * rung_epochs(params)
+    evaluation_s = len(links) * rung_s(params.evaluate.seeds, link * epoch_s, at_once, crowd)
+    search, evaluation = total_epochs(params), sum(bar.epochs for bar in links)
+    return Effort(
+        search_epochs=search,
+        evaluation_epochs=evaluation,
+        steps=(search + evaluation) * epoch_steps,
+        steps_per_second=1.0 / measured.step_s,
+        at_once=at_once,
+        seconds=math.fsum([*rounds_s, evaluation_s]),
+        disk_bytes=disk_bytes(params, measured),
+        memory_mib=training_mib(train, measured.observations, measured.actions),
+        replies=replies,
+        recorded=recorded,
     )
-    about = any(question.description in text for text in texts)
-    return begins and about and request_of(params.llm, request.messages, request.sample).key == request.key
 
 
-def _repair_rate(records: Sequence[Record], kind: str) -> float:
-    """Returns how many further replies a recorded function of this kind took."""
-    asked = [record.provenance.origin for record in records]
-    first = sum(origin.stage == "generate" and origin.subject.startswith(kind) for origin in asked)
-    further = sum(origin.stage == REPAIRS and origin.subject.startswith(kind) for origin in asked)
-    return further / first if first else 0.0
+def rung_s(candidates: int, each_s: float, at_once: int, crowd: int) -> float:
+    """Returns how long trainings of one length take: round after round, and the last ones share the CPUs.
+
+    Five on two CPUs, three of which may share them, are one round and then one and a half.
+    """
+    full = max(0, math.ceil((candidates - crowd) / at_once))
+    left = candidates - full * at_once
+    return (full + max(1.0, left / at_once) * (left > 0)) * each_s
 
 
-def _sizes(
-    records: Sequence[Record], iteration: int, stage: str, kind: str, opening: Sequence[str], params: Params
-) -> tuple[float, float]:
-    """Returns the prompt and completion tokens of a question: the mean of what is recorded of its like."""
-    alike = [
-        record
-        for record in records
-        if record.provenance.origin.stage == stage and record.provenance.origin.subject.startswith(kind)
+def disk_bytes(params: Params, measured: Measured) -> int:
+    """Returns what pools and DVC's cache hold at the end: a file that stands in several pools is in the cache once."""
+    checkpoint = measured.fixed_bytes + params.train.num_envs * measured.env_bytes
+    checkpoints = rows = 0.0
+    for entry in params.iterations:
+        for trained, held, epochs in _pools(params, entry.n):
+            checkpoints += trained + held
+            # Tables differ from pool to pool: each is in its folder and in the cache.
+            rows += 2 * epochs * measured.series
+    return round(checkpoints * checkpoint + rows * ROW_BYTES)
+
+
+def _pools(params: Params, iteration: int) -> list[tuple[int, int, int]]:
+    """Returns of each pool of an iteration: the checkpoints that are new in it, all that are in it, and its members' epochs."""
+    if not is_searched(params, iteration):
+        return []
+    trained = {cost.rung: cost.candidates for cost in work(params, iteration)}
+    epochs_of = rung_epochs(params)
+    sizes = {"validate-code": first_candidates(params)}
+    ages = {"validate-code": 0}
+    found: list[tuple[int, int, int]] = []
+    for index, rung in enumerate(params.rungs):
+        if rung.pool == "mutate":
+            before = params.mutate.pool
+            sizes["mutate"] = sizes[before] + mutants(params, iteration)
+            found.append((0, sizes[before], sizes[before] * ages[before] * epochs_of))
+        size, new = sizes[rung.pool], trained[str(rung.rung)]
+        if index == 0 and alpha_is_searched(params, iteration):
+            probes = size * (probe_trainings(params) - 1)
+            size, new = size + probes, new + probes
+        kept = how_many_go_on(params, rung.keep, size)
+        found += [(new, size, size * rung.until * epochs_of), (0, kept, kept * rung.until * epochs_of)]
+        name = f"eliminate-{rung.rung}"
+        sizes[name], ages[name] = kept, rung.until
+    return found
+
+
+def measured_size(params: Params) -> int:
+    """Returns with how many environments an epoch is measured: halved until it is short, as far as minibatches allow."""
+    train = params.train
+    count = train.num_envs
+    if is_on_gpu(params.device):
+        # Twice the environments do not take twice the time there.
+        return count
+    while count * train.steps_per_epoch > MEASURED_STEPS and count % 2 == 0 and count > 2:
+        if (count // 2 * train.steps_per_epoch) % train.minibatches:
+            break
+        count //= 2
+    return count
+
+
+def measure(params: Params, seconds: float) -> Measured:
+    """Returns what trainings of these parameters take, after training with the human reward for about so many seconds.
+
+    Counted is processor time, so that other work on the machine changes little, and on a GPU the time on the clock. What is
+    loaded and compiled before the first epoch is not counted.
+
+    Raises:
+        PorseError: the training fails.
+    """
+    # Imported here: torch takes seconds, and must find the numeric profile set.
+    from porse.checkpoint import read_checkpoint, write_checkpoint
+    from porse.tasks import find_task
+    from porse.training.candidate import train_candidate
+    from porse.training.job import Job, Outcome
+    from porse.training.start import random_policy
+
+    count = measured_size(params)
+    small = dataclasses.replace(
+        params,
+        train=dataclasses.replace(params.train, num_envs=count),
+        candidate=dataclasses.replace(params.candidate, goal="human", bonus="none", beta=0.0),
+    )
+    clock = time.perf_counter if is_on_gpu(params.device) else time.process_time
+    times: list[float] = []
+
+    def train(start: Path, finish: Path, until: int) -> Outcome:
+        times.clear()
+        job = Job("measured", "", "", 0.0, start, finish, until, small.seed)
+        outcome = train_candidate(job, small, lambda epoch, fitness: times.append(clock()))
+        if outcome.failure:
+            raise PorseError(
+                f"expected a training of {small.task} with its human reward to run, found that {outcome.failure}; "
+                "change the parameters that it is trained with"
+            )
+        return outcome
+
+    with tempfile.TemporaryDirectory() as folder:
+        start, first, last = (Path(folder, f"{name}.safetensors") for name in ("start", "first", "last"))
+        write_checkpoint(start, random_policy(small, 1))
+        train(start, first, 2)
+        # The first report is at the end of an epoch: from there on only epochs are counted.
+        more = 2 + max(0, int(seconds / max(times[1] - times[0], 1e-6)) - 1)
+        outcome = train(first, last, 2 + more)
+        epoch_s = (times[-1] - times[0]) / (len(times) - 1)
+        size, checkpoint = last.stat().st_size, read_checkpoint(last)
+    state = [array for part in ("task", "reward") for array in checkpoint.part(part).values()]
+    of_envs = sum(array.nbytes for array in state if array.shape[:1] == (count,))
+    task = find_task(small.task)
+    return Measured(
+        step_s=epoch_s / (count * small.train.steps_per_epoch),
+        fixed_bytes=size - of_envs + _count_bytes(params),
+        env_bytes=of_envs / count,
+        series=math.ceil(len(outcome.rows) / len(times)),
+        observations=task.NUM_OBSERVATIONS,
+        actions=task.NUM_ACTIONS,
+    )
+
+
+def _count_bytes(params: Params) -> int:
+    """Returns the bytes of the bonus's counts in a checkpoint; they are not measured."""
+    exploration = params.exploration
+    cells = {"mapping": exploration.cells, "simhash": 2**exploration.simhash_bits, "none": 0}[params.candidate.bonus]
+    return 8 * cells * (params.train.num_envs if exploration.lifetime == "episode" else 1)
+
+
+def changed(document: Any, assignments: Sequence[str]) -> Any:
+    """Returns a parsed `params.yaml` with `name=value` put in, as `dvc exp run -S` does it: dotted names, values in YAML.
+
+    Raises:
+        ParamsError: one is not an assignment, or names no parameter.
+    """
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ParamsError(f"expected NAME=VALUE after -S, found {text!r}; write it as in -S train.gamma=0.9")
+        document = _put(document, name.split("."), parse_yaml(value, f"the value of {name} after -S"), name)
+    return document
+
+
+def _put(document: Any, keys: Sequence[str], value: Any, name: str) -> Any:
+    if not keys:
+        return value
+    if not isinstance(document, Mapping) or keys[0] not in document:
+        raise ParamsError(f"expected a parameter of params.yaml after -S, found {name}; `porse params` prints all")
+    return {**document, keys[0]: _put(document[keys[0]], keys[1:], value, name)}
+
+
+@click.command()
+@click.option(
+    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+)
+@click.option(
+    "-S", "--set-param", "assignments", multiple=True, metavar="NAME=VALUE", help="Another value; may be given again."
+)
+@click.option("--workers", type=click.IntRange(1, 10**6), help="Trainings at once, in place of what this machine has.")
+@click.option(
+    "--seconds", default=4.0, show_default=True, type=click.FloatRange(0.0, 600.0), help="How long to measure."
+)
+@click.option("--prompts", default="prompts", show_default=True, type=click.Path(file_okay=False, path_type=Path))
+@click.option("--cache", default="llm_cache", show_default=True, type=click.Path(file_okay=False, path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
+def estimate(
+    path: Path,
+    assignments: tuple[str, ...],
+    workers: int | None,
+    seconds: float,
+    prompts: Path,
+    cache: Path,
+    as_json: bool,
+) -> None:
+    """Print epochs, environment steps, hours, disk and replies of a run, measured for a few seconds on this machine.
+
+    `porse llm estimate` prints tokens and cost of the replies.
+    """
+    params = parse_params(changed(load_document(path), assignments), str(path))
+    # Before torch is imported.
+    numerics.apply(params.numerics)
+    replies, recorded = _replies(params, prompts, cache)
+    limits = limits_from_environment()
+    if workers or is_on_gpu(params.device):
+        # A GPU is for one training at a time.
+        at_once = crowd = workers or 1
+    else:
+        at_once, crowd = limits.workers, limits.crowd
+    effort = effort_of(params, measure(params, seconds), at_once, crowd, replies, recorded)
+    if as_json:
+        echo(json.dumps({**dataclasses.asdict(effort), "warning": effort.warning}, indent=2))
+    else:
+        echo("\n".join(_said(params, effort)))
+    if effort.warning:
+        echo(f"warning: {effort.warning}", err=True)
+
+
+def _replies(params: Params, prompts: Path, cache: Path) -> tuple[int, int]:
+    store = Store(cache)
+    records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
+    lines = [line for line in estimated(planned_questions(params, prompts), records, params) if line.stage != REPAIRS]
+    return sum(line.planned for line in lines), sum(line.recorded for line in lines)
+
+
+def _said(params: Params, effort: Effort) -> list[str]:
+    """Returns the lines that are printed."""
+    own = " (a task of your own)" if is_own(params.task) else ""
+    epochs = effort.search_epochs + effort.evaluation_epochs
+    return [
+        f"{params.task}{own}, size {params.size}, method {params.method}",
+        f"epochs   {epochs:,}: {effort.search_epochs:,} of the search, {effort.evaluation_epochs:,} of the evaluation",
+        f"steps    {effort.steps:,} environment steps",
+        f"speed    {effort.steps_per_second:,.0f} steps/s of one training, measured",
+        f"time     {in_words(effort.seconds)} for the trainings, {effort.at_once} at once",
+        f"disk     {effort.disk_bytes / 1e9:.2f} GB for pools and DVC's cache",
+        f"memory   {effort.memory_mib:,} MiB for each training, beyond the libraries'",
+        f"replies  {effort.replies:,} questions to a model, {effort.recorded:,} of them recorded, and repairs",
     ]
-    # A first question holds no feedback, and the chosen model is the best witness of itself.
-    nearer = [record for record in alike if (record.provenance.origin.iteration == 1) == (iteration == 1)] or alike
-    nearest = [record for record in nearer if record.request.model == params.llm.model] or nearer
-    if not nearest:
-        return sum(len(text.encode()) for text in opening) / BYTES_PER_TOKEN, float(params.llm.max_tokens)
-    prompts = [_tokens(r.answer.prompt_tokens, r.request.messages) for r in nearest]
-    replies = [_tokens(r.answer.completion_tokens, (Message("assistant", r.answer.text),)) for r in nearest]
-    return math.fsum(prompts) / len(nearest), math.fsum(replies) / len(nearest)
-
-
-def _tokens(counted: int | None, messages: Sequence[Message]) -> float:
-    if counted is not None:
-        return float(counted)
-    return sum(len(message.content.encode()) for message in messages) / BYTES_PER_TOKEN
-
-
-def _totals(lines: Sequence[Line], params: Params) -> tuple[int, int, int, float]:
-    requests = sum(line.to_ask for line in lines)
-    prompt = round(math.fsum(line.to_ask * line.prompt_tokens for line in lines))
-    completion = round(math.fsum(line.to_ask * line.completion_tokens for line in lines))
-    return requests, prompt, completion, cost_usd(price_of(params.llm), prompt, completion)
-
-
-def _numbers(lines: Sequence[Line], params: Params) -> dict[str, float]:
-    """Returns what is still to be asked, with its tokens in all and its cost, by name."""
-    names = ("to_ask", "all_prompt_tokens", "all_completion_tokens", "usd")
-    return dict(zip(names, _totals(lines, params), strict=True))
-
-
-def _table(lines: Sequence[Line], params: Params) -> str:
-    names = ("iteration", "stage", "kind", "planned", "recorded", "to ask", "prompt tokens", "completion tokens", "USD")
-    rows = []
-    for line in lines:
-        requests, prompt, completion, usd = _totals([line], params)
-        counts = (line.planned, line.recorded, requests, prompt, completion)
-        rows.append((str(line.iteration), line.stage, line.kind, *map(str, counts), f"{usd:.6f}"))
-    return text_table(names, rows, 3)
-
-
-def _most(lines: Sequence[Line], params: Params) -> int:
-    """Returns how many requests are sent if every reply is broken and cut off."""
-    from porse.generation.functions import attempts_at_most
-
-    functions = sum(line.to_ask for line in lines if line.stage == "generate")
-    values = sum(line.to_ask for line in lines if line.stage == "mutate")
-    return LONGER_FACTOR * (functions * attempts_at_most(params) + values * (params.mutate.max_fresh + 1))
-
-
-def _summary(lines: Sequence[Line], params: Params) -> str:
-    requests, prompt, completion, usd = _totals(lines, params)
-    return (
-        f"to ask: {requests} requests, {prompt} prompt and {completion} completion tokens, {usd:.6f} USD by the prices of "
-        f"profile {params.llm.profile}; {_most(lines, params)} requests at most, if every reply is broken and cut off"
-    )

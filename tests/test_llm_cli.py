@@ -18,13 +18,13 @@ from click.testing import CliRunner, Result
 
 from porse.cli import main
 from porse.errors import RepliesPending
-from porse.estimate import llm
 from porse.functions import contract
 from porse.llm.ask import ask
 from porse.llm.record import Record
 from porse.llm.request import Message, Origin
 from porse.llm.sampling import MOST_CHARACTERS
 from porse.llm.store import Store
+from porse.llm_estimate import llm
 from tests.llm_cases import RECORD, new_store, params, questions, record, request
 from tests.llm_server import ChatServer, failing, replying
 
