@@ -80,7 +80,7 @@ def write_policy(target: Path, form: str, task: str, policy: Path, params: Train
 
     shown = make_task(task, 1, 0)
     ppo = build_ppo(observation_groups(shown.observations()), shown.NUM_ACTIONS, params)
-    load_policy(ppo, read_checkpoint(policy), policy)
+    load_policy(ppo, read_checkpoint(policy), shown.NAME, policy)
     ppo.eval_mode()
     ppo.actor.requires_grad_(False)
     with warnings.catch_warnings():

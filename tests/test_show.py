@@ -161,7 +161,11 @@ def test_a_policy_of_another_task_is_refused(shown):
     _, results = shown
     code, said = results["pen_by_policy.gif"]
     assert code == 1
-    assert "expected the networks of params.yaml (train.hidden) and of the task" in said
+    # The observations and actions of the task's page, and the networks of its preset; the file is of Quadcopter.
+    assert "expected a policy of Pen with 417 observations, hidden layers of 256-256-128 and 52 actions, " in said
+    assert (
+        "found 21 observations, hidden layers of 64-64 and 12 actions in policy.safetensors; name the task and" in said
+    )
 
 
 @drawn
