@@ -24,8 +24,8 @@ SUFFIXES = {"onnx": ".onnx", "torchscript": ".pt"}
 
 @click.command()
 @click.argument("run", type=click.Path(exists=True, path_type=Path))
-@click.option("--onnx", "form", flag_value="onnx", help="Write ONNX, input `obs`, output `actions`.")
-@click.option("--torchscript", "form", flag_value="torchscript", help="Write TorchScript.")
+@click.option("--onnx", is_flag=True, help="Write ONNX, input `obs`, output `actions`.")
+@click.option("--torchscript", is_flag=True, help="Write TorchScript.")
 @click.option(
     "--params",
     "path",
@@ -33,13 +33,15 @@ SUFFIXES = {"onnx": ".onnx", "torchscript": ".pt"}
     help="The run's parameters. [default: params.yaml in or above RUN]",
 )
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="[default: TASK.onnx or TASK.pt]")
-def export(run: Path, form: str | None, path: Path | None, out: Path | None) -> None:
+def export(run: Path, onnx: bool, torchscript: bool, path: Path | None, out: Path | None) -> None:
     """Write the policy of RUN's winner as ONNX or TorchScript, for use elsewhere.
 
     RUN is the folder of a run, or a policy or checkpoint of it (.safetensors).
     """
-    if form is None:
-        raise click.UsageError("expected --onnx or --torchscript, found neither; name one of them")
+    if onnx == torchscript:
+        found = "both" if onnx else "neither"
+        raise click.UsageError(f"expected --onnx or --torchscript, found {found}; name one of them")
+    form = "onnx" if onnx else "torchscript"
     where = path or params_file(run)
     params = load_params(where, presets_root(where.parent))
     target = out or Path(f"{params.task.replace(':', '.')}{SUFFIXES[form]}")
