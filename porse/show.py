@@ -255,3 +255,22 @@ def draws() -> str:
         f"expected {back_end} to draw a picture, found {found}; install libegl1 or libosmesa6, or set MUJOCO_GL to "
         "egl or osmesa"
     )
+
+
+def no_renderer() -> str:
+    """Returns why nothing can be drawn here, empty where it can; called before MuJoCo is imported.
+
+    MuJoCo is imported without a renderer then: it looks for what MUJOCO_GL names, and the import fails where that is not there.
+    """
+    try:
+        draws()
+    except PorseError as error:
+        os.environ["MUJOCO_GL"] = "disable"
+        return str(error)
+    return ""
+
+
+def import_without_drawing() -> None:
+    """Sees to it that MuJoCo can be imported by who draws nothing; without MUJOCO_GL it always can, and nothing is tried."""
+    if os.environ.get("MUJOCO_GL"):
+        no_renderer()
