@@ -8,6 +8,7 @@ since safetensors writes several entries in no fixed order.
 import contextlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +96,53 @@ def read_checkpoint(path: Path) -> Checkpoint:
     checkpoint = Checkpoint(arrays, {key: value for key, value in scalars.items() if key != "version"})
     _check(checkpoint, path)
     return checkpoint
+
+
+Shapes = Mapping[str, tuple[int, ...]]
+"""The shape of each array of a policy, by its name."""
+
+
+def check_networks(checkpoint: Checkpoint, expected: Shapes, task: str, path: Path) -> None:
+    """Checks that the arrays of a file's policy have these names and shapes.
+
+    Args:
+        checkpoint: the file's content.
+        expected: the names and shapes.
+        task: of the policy, for the error.
+        path: names the file in the error.
+
+    Raises:
+        CheckpointError: a name or a shape differs.
+    """
+    found: Shapes = {name: array.shape for name, array in checkpoint.policy().items()}
+    wrong = [name for name in sorted(expected.keys() | found.keys()) if expected.get(name) != found.get(name)]
+    if not wrong:
+        return
+    own, others = _sizes(expected), _sizes(found)
+    if own == others:
+        name = wrong[0]
+        others = f"{_said(found.get(name))} for {name} in place of {_said(expected.get(name))}"
+    raise CheckpointError(
+        f"expected a policy of {task} with {own}, found {others} in {path}; name the task and the parameters "
+        "(train.hidden, train.normalise_observations) that it was trained with"
+    )
+
+
+def _sizes(shapes: Shapes) -> str:
+    """Returns the sizes of an actor in words."""
+    layers = {
+        int(match[1]): shape
+        for name, shape in shapes.items()
+        if (match := re.fullmatch(r"actor\.mlp\.(\d{1,9})\.weight", name)) and len(shape) == 2
+    }
+    if not layers:
+        return "no actor"
+    widths = [layers[min(layers)][1], *(layers[number][0] for number in sorted(layers))]
+    return f"{widths[0]} observations, hidden layers of {'-'.join(map(str, widths[1:-1]))} and {widths[-1]} actions"
+
+
+def _said(shape: tuple[int, ...] | None) -> str:
+    return "no array" if shape is None else f"the shape {shape}"
 
 
 def _check(checkpoint: Checkpoint, path: Path) -> None:

@@ -22,7 +22,7 @@ from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
 from porse.repro import check_start
-from porse.show import choose_renderer, has_display
+from porse.show import has_display, no_renderer
 from porse.stage import LOGS, write_manifest
 
 SMOKE = Path(__file__).with_name("smoke.yaml")
@@ -65,8 +65,8 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     (out / "params.yaml").write_text(render_yaml(document), encoding="utf-8")
     # Nothing here asks anybody, whatever the shell says.
     os.environ["PORSE_LLM_MODE"] = "frozen"
-    # Before torch and MuJoCo are imported.
-    without = _no_renderer()
+    # Before torch and MuJoCo are imported. A run is whole without a film.
+    without = no_renderer()
     numerics.apply(params.numerics)
     from porse.generation.states import checker
     from porse.iteration import Place, run
@@ -90,12 +90,3 @@ def demo(out: Path, path: Path, opens: bool) -> None:
     echo(f"{page}: the report")
     if opens and has_display() and webbrowser.open(page.resolve().as_uri()):
         echo(f"{page}: opened")
-
-
-def _no_renderer() -> str:
-    """Returns why no film can be drawn here, empty where one can: a run is whole without it."""
-    try:
-        choose_renderer()
-    except PorseError as error:
-        return str(error)
-    return ""

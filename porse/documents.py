@@ -1,5 +1,9 @@
-"""YAML files as DVC reads them: YAML 1.2, so that a value is the same for both, and a key that stands twice is refused."""
+"""Files that people write: YAML as DVC reads it, and Python as text.
 
+It is YAML 1.2, so that a value is the same for both, and a key that stands twice is refused.
+"""
+
+import ast
 import io
 from pathlib import Path
 from typing import Any
@@ -39,6 +43,18 @@ def parse_yaml(text: str, where: str) -> Any:
     except (ValueError, RecursionError) as error:
         found = str(error)
     raise ParamsError(f"expected YAML in {where}, found: {found}; correct the file")
+
+
+def parse_python(content: bytes, where: str) -> ast.Module:
+    """Returns the syntax of what a Python file holds; `where` names it in errors. Nothing of it is run.
+
+    Raises:
+        ParamsError: it is no Python.
+    """
+    try:
+        return ast.parse(content, where)
+    except (SyntaxError, ValueError, RecursionError) as error:
+        raise ParamsError(f"expected Python in {where}, found: {error}; correct the file") from None
 
 
 def render_yaml(document: Any) -> str:

@@ -20,6 +20,13 @@ text says what was expected, what was found, where, and what to do next, in one 
 
 import re
 
+_SIGNS_OF_LACK = (
+    "can't allocate memory",
+    "not enough memory",
+    "bad_alloc",
+    "cannot allocate memory",
+    "could not allocate",
+)
 _PATH = re.compile(r"(?:/[^\s/:'\"<>,;()]+)+/([^\s/:'\"<>,;()]+)")
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}\b")
 
@@ -27,6 +34,11 @@ _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}\b")
 def without_places(text: str) -> str:
     """Returns what an error says without the folders of paths and without addresses, so that two machines say the same."""
     return _ADDRESS.sub("0x...", _PATH.sub(r"\1", text))
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Returns whether an exception says that memory was refused; torch and MuJoCo have no type of their own for that."""
+    return isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in _SIGNS_OF_LACK)
 
 
 class PorseError(Exception):

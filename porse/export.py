@@ -10,11 +10,11 @@ from pathlib import Path
 import click
 
 from porse import numerics
-from porse.config import TrainParams, load_document, parse_params
+from porse.config import TrainParams, load_params, presets_root
 from porse.errors import PorseError
 from porse.paths import check_target
 from porse.printing import echo
-from porse.report.results import winners_policy
+from porse.report.results import params_file, winners_policy
 
 OPSET = 18
 """Of ONNX: what rsl-rl writes."""
@@ -24,8 +24,8 @@ SUFFIXES = {"onnx": ".onnx", "torchscript": ".pt"}
 
 @click.command()
 @click.argument("run", type=click.Path(exists=True, path_type=Path))
-@click.option("--onnx", "form", flag_value="onnx", help="Write ONNX, input `obs`, output `actions`.")
-@click.option("--torchscript", "form", flag_value="torchscript", help="Write TorchScript.")
+@click.option("--onnx", is_flag=True, help="Write ONNX, input `obs`, output `actions`.")
+@click.option("--torchscript", is_flag=True, help="Write TorchScript.")
 @click.option(
     "--params",
     "path",
@@ -33,19 +33,20 @@ SUFFIXES = {"onnx": ".onnx", "torchscript": ".pt"}
     help="The run's parameters. [default: params.yaml in or above RUN]",
 )
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="[default: TASK.onnx or TASK.pt]")
-def export(run: Path, form: str | None, path: Path | None, out: Path | None) -> None:
+def export(run: Path, onnx: bool, torchscript: bool, path: Path | None, out: Path | None) -> None:
     """Write the policy of RUN's winner as ONNX or TorchScript, for use elsewhere.
 
     RUN is the folder of a run, or a policy or checkpoint of it (.safetensors).
     """
-    if form is None:
-        raise click.UsageError("expected --onnx or --torchscript, found neither; name one of them")
-    where = path or _params_of(run)
-    document = load_document(where)
-    params = parse_params(document, str(where))
+    if onnx == torchscript:
+        found = "both" if onnx else "neither"
+        raise click.UsageError(f"expected --onnx or --torchscript, found {found}; name one of them")
+    form = "onnx" if onnx else "torchscript"
+    where = path or params_file(run)
+    params = load_params(where, presets_root(where.parent))
     target = out or Path(f"{params.task.replace(':', '.')}{SUFFIXES[form]}")
     check_target(target, (SUFFIXES[form],))
-    policy = winners_policy(_run_of(run), params) if run.is_dir() else run
+    policy = winners_policy(run, params) if run.is_dir() else run
     numerics.apply(params.numerics)
     write_policy(target, form, params.task, policy, params.train)
     echo(f"{target}: the policy of {policy}, {target.stat().st_size / 1024:.0f} KiB")
@@ -80,7 +81,7 @@ def write_policy(target: Path, form: str, task: str, policy: Path, params: Train
 
     shown = make_task(task, 1, 0)
     ppo = build_ppo(observation_groups(shown.observations()), shown.NUM_ACTIONS, params)
-    load_policy(ppo, read_checkpoint(policy), policy)
+    load_policy(ppo, read_checkpoint(policy), shown.NAME, policy)
     ppo.eval_mode()
     ppo.actor.requires_grad_(False)
     with warnings.catch_warnings():
@@ -107,15 +108,3 @@ def write_policy(target: Path, form: str, task: str, policy: Path, params: Train
                 f"expected what writes ONNX, found that it does not work here ({error}); run `pip install onnx`, or write "
                 "--torchscript"
             ) from error
-
-
-def _run_of(folder: Path) -> Path:
-    """Returns the folder of a run's iterations: the one that is named, or `run` in it."""
-    return folder / "run" if (folder / "run").is_dir() else folder
-
-
-def _params_of(run: Path) -> Path:
-    """Returns the parameters that lie in a run's folder or above it, else those of the project."""
-    folder = run.resolve() if run.is_dir() else run.resolve().parent
-    found = (place / "params.yaml" for place in (folder, *folder.parents))
-    return next((path for path in found if path.is_file()), Path("params.yaml"))

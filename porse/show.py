@@ -16,7 +16,7 @@ from porse.config import load_document, parse_params, presets_root
 from porse.errors import PorseError
 from porse.paths import check_target
 from porse.printing import echo
-from porse.report.results import winners_policy
+from porse.report.results import params_file, winners_policy
 
 LONGEST_FILM_S, LONGEST_VIEW_S = 120.0, 86_400.0
 MOST_FILM_MIB, _FRAMES_PER_SECOND = 4096, 25
@@ -141,7 +141,10 @@ def render(task: str, out: Path, seconds: float, width: int, height: int, view: 
     help="The folder of a run, whose last winner is shown, or one policy or checkpoint of it (.safetensors).",
 )
 @click.option(
-    "--params", "path", default="params.yaml", show_default=True, type=click.Path(dir_okay=False, path_type=Path)
+    "--params",
+    "path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The run's parameters. [default: params.yaml in or above the checkpoint's folder]",
 )
 @click.option(
     "--out",
@@ -153,7 +156,7 @@ def render(task: str, out: Path, seconds: float, width: int, height: int, view: 
 def play(
     task: str,
     checkpoint: Path | None,
-    path: Path,
+    path: Path | None,
     out: Path | None,
     seconds: float,
     width: int,
@@ -179,9 +182,12 @@ def play(
     actor = random_actor(shown)
     if checkpoint:
         # The networks of a preset are those of the task that is shown, whatever the file's own task is.
-        document = load_document(path)
+        where = path or params_file(checkpoint)
+        document = load_document(where)
         params = parse_params(
-            {**document, "task": task} if isinstance(document, dict) else document, str(path), presets_root(path.parent)
+            {**document, "task": task} if isinstance(document, dict) else document,
+            str(where),
+            presets_root(where.parent),
         )
         actor = policy_actor(
             shown, winners_policy(checkpoint, params) if checkpoint.is_dir() else checkpoint, params.train
@@ -249,3 +255,22 @@ def draws() -> str:
         f"expected {back_end} to draw a picture, found {found}; install libegl1 or libosmesa6, or set MUJOCO_GL to "
         "egl or osmesa"
     )
+
+
+def no_renderer() -> str:
+    """Returns why nothing can be drawn here, empty where it can; called before MuJoCo is imported.
+
+    MuJoCo is imported without a renderer then: it looks for what MUJOCO_GL names, and the import fails where that is not there.
+    """
+    try:
+        draws()
+    except PorseError as error:
+        os.environ["MUJOCO_GL"] = "disable"
+        return str(error)
+    return ""
+
+
+def import_without_drawing() -> None:
+    """Sees to it that MuJoCo can be imported by who draws nothing; without MUJOCO_GL it always can, and nothing is tried."""
+    if os.environ.get("MUJOCO_GL"):
+        no_renderer()

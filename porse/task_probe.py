@@ -3,7 +3,7 @@
 It is the child of a process that needs neither torch nor the simulator, so that a check takes one start of each.
 """
 
-import sys
+import contextlib
 from typing import Any
 
 from porse.functions.read.probe import serve
@@ -18,8 +18,8 @@ PROBE_STEPS = 16
 def _load_task(request: dict[str, Any]) -> dict[str, Any]:
     """Returns the values of the variables of the task that the request names, in real states."""
     # This process runs in an empty folder; a task of one's own lies where the command was given.
-    sys.path.append(request["root"])
-    return probe_states(request["task"], PROBE_ENVS, PROBE_STEPS, seed=0)
+    with contextlib.chdir(request["root"]):
+        return probe_states(request["task"], PROBE_ENVS, PROBE_STEPS, seed=0)
 
 
 if __name__ == "__main__":

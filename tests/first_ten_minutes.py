@@ -193,7 +193,8 @@ def page(said: Path) -> str:
         "# The first ten minutes",
         "",
         "This page shows what a newcomer types in a fresh clone, and sees. `python tests/first_ten_minutes.py` recorded it in a",
-        f"terminal of {COLUMNS} columns, on two cores. The environment was activated (`. .venv/bin/activate`).",
+        f"terminal of {COLUMNS} columns, on two cores. The environment was activated (`. .venv/bin/activate`). Every run gives these",
+        "results; steps per second are those of one machine.",
     ]
     for number, step in enumerate(STEPS, 1):
         parts += [
@@ -217,6 +218,12 @@ def page(said: Path) -> str:
             for name, (*_, words) in SHOTS.items():
                 parts += ["", f"![{words}](first-ten-minutes/{name}.png)"]
     return "\n".join(parts) + "\n"
+
+
+def outputs(text: str) -> dict[str, list[str]]:
+    """Returns the lines below each command of the page."""
+    blocks = re.findall(r"^```console\n\$ ([^\n]*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return {command: output.splitlines() for command, output in blocks}
 
 
 def shots(report: Path, profile: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from porse.checkpoint import Checkpoint, policy_checkpoint, read_checkpoint, write_checkpoint
+from porse.checkpoint import Checkpoint, check_networks, policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.errors import CheckpointError
 from porse.training.candidate import train_candidate
 from porse.training.job import Job
@@ -35,6 +35,42 @@ def odd(tmp_path: Path, scalars: str, arrays=ARRAYS) -> Path:
     path = tmp_path / "odd.safetensors"
     path.write_bytes(save(arrays, {"porse": scalars}))
     return path
+
+
+NETWORKS = {
+    "actor.mlp.0.weight": (8, 3),
+    "actor.mlp.0.bias": (8,),
+    "actor.mlp.2.weight": (16, 8),
+    "actor.mlp.10.weight": (2, 16),
+    "critic.mlp.0.weight": (8, 3),
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"actor.mlp.0.weight": (8, 5)}, "5 observations, hidden layers of 8-16 and 2 actions"),
+        ({"actor.mlp.10.weight": (2, 16, 1)}, "3 observations, hidden layers of 8 and 16 actions"),
+        ({"critic.mlp.0.weight": (8, 5)}, "the shape (8, 5) for critic.mlp.0.weight in place of the shape (8, 3)"),
+        ({"actor.mlp.0.bias": None}, "no array for actor.mlp.0.bias in place of the shape (8,)"),
+        ({"critic.more": ()}, "the shape () for critic.more in place of no array"),
+        (dict.fromkeys(NETWORKS), "no actor"),
+    ],
+)
+def test_networks_of_other_sizes_are_told_by_their_sizes_or_by_the_array_that_differs(changes, found):
+    shapes = {name: shape for name, shape in (NETWORKS | changes).items() if shape is not None}
+    policy = policy_checkpoint({name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
+    with pytest.raises(CheckpointError) as raised:
+        check_networks(policy, NETWORKS, "Cart", Path("best.safetensors"))
+    assert str(raised.value) == (
+        f"expected a policy of Cart with 3 observations, hidden layers of 8-16 and 2 actions, found {found} in best.safetensors; "
+        "name the task and the parameters (train.hidden, train.normalise_observations) that it was trained with"
+    )
+
+
+def test_networks_are_all_of_a_policy_and_nothing_else():
+    arrays = {name: np.zeros(shape, np.float32) for name, shape in NETWORKS.items()}
+    check_networks(Checkpoint(arrays | {"task.physics": np.zeros(3)}, {}), NETWORKS, "Cart", Path("best.safetensors"))
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,11 @@ def test_onnx_acts_as_the_checkpoint_does_for_any_number_of_observations(run, ex
 
 def test_what_cannot_be_written_is_refused_before_any_work(run, tmp_path, root, monkeypatch):
     monkeypatch.chdir(root)
-    assert "expected --onnx or --torchscript, found neither" in export(run).output
+    assert "expected --onnx or --torchscript, found neither; name one of them" in export(run).output
+    assert (
+        "expected --onnx or --torchscript, found both; name one of them"
+        in export(run, "--onnx", "--torchscript").output
+    )
     assert "expected --out to end in .pt" in export(run, "--torchscript", "--out", tmp_path / "a.onnx").output
     empty = tmp_path / "empty"
     empty.mkdir()

@@ -4,8 +4,10 @@ import re
 import shlex
 
 import pytest
+from click.testing import CliRunner
 
-from first_ten_minutes import PAGE, PICTURES, SHOTS, STEPS, lines_of, shortened
+from first_ten_minutes import PAGE, PICTURES, SHOTS, STEPS, lines_of, outputs, shortened
+from porse.cli import main
 from test_commands import LEAVES, split
 
 
@@ -27,6 +29,14 @@ TYPED = [part for step in STEPS for part in step.command.split(" && ") if part.s
 def test_the_commands_of_porse_on_the_page_exist(command):
     name, _ = split(shlex.split(command)[1:])
     assert name in LEAVES
+
+
+@pytest.mark.parametrize("command", ["porse tasks --tag door", "porse params --stage eliminate"])
+def test_what_a_quick_command_says_is_what_the_page_shows(root, monkeypatch, command):
+    monkeypatch.chdir(root)
+    done = CliRunner().invoke(main, command.split()[1:])
+    # The page's lines are those of a terminal, which breaks long ones.
+    assert " ".join(outputs(PAGE.read_text())[command]).split() == done.output.split()
 
 
 def test_the_page_names_no_machine():

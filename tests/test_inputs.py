@@ -220,6 +220,17 @@ def test_imports_are_found_in_functions_and_in_names_of_modules_but_not_for_type
     assert {path.stem for path in found} == {"start", "__init__", "a", "b", "c", "d", "e"}
 
 
+def test_a_module_that_is_no_python_is_named(tmp_path):
+    (tmp_path / "pack").mkdir()
+    (tmp_path / "pack" / "__init__.py").touch()
+    (tmp_path / "pack" / "broken.py").write_text("x = 1\ndef f(:\n")
+    (tmp_path / "start.py").write_text("import pack.broken\n")
+    with pytest.raises(
+        ParamsError, match=r"^expected Python in .*pack/broken\.py, found: .* \(broken\.py, line 2\); correct"
+    ):
+        imported_files(tmp_path / "start.py", {"pack": tmp_path}, frozenset())
+
+
 def test_values_of_a_method_and_of_an_ablation_are_laid_over_the_file(project):
     own = inputs_of(project, method="eureka", ablation="weights-sum-to-1")
     assert own["eliminate"].parameters == {

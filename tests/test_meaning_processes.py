@@ -18,7 +18,7 @@ import porse.training.candidate as candidate_module
 import porse.training.executor as executor_module
 import porse.training.limits as limits_module
 import porse.training.local as local_module
-from porse.errors import CheckpointError
+from porse.errors import CheckpointError, lacks_memory
 from porse.training.bar import PLAN_VARIABLE, PROGRESS_VARIABLE, TENSORBOARD_VARIABLE, RungBar, in_words
 from porse.training.executor import EXECUTOR_VARIABLE, executor_from_environment
 from porse.training.inline import Inline
@@ -26,7 +26,7 @@ from porse.training.job import Job, Outcome, Report
 from porse.training.limits import MEMORY_VARIABLE, SILENCE_VARIABLE, WORKERS_VARIABLE, Limits, limits_from_environment
 from porse.training.local import Local
 from porse.training.population import train_pool
-from porse.training.reason import lacks_memory, last_words, plain, reason_of
+from porse.training.reason import last_words, plain, reason_of
 
 pytestmark = pytest.mark.timeout(30)
 

@@ -2,7 +2,9 @@
 
 import dataclasses
 import html
+import os
 import re
+import subprocess
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -44,6 +46,7 @@ from porse.report.source import differences, listing
 from porse.report.tree import COLUMN, HEAD, ROW, Fork, tree
 from porse.reporting.film import winner_film
 from porse.task_names import TASK_CLASSES
+from tiny import BIN
 
 NO_FILM = no_film("the run's policies are not beside its tables.")
 EVIL = "<script>alert('x')</script>"
@@ -617,6 +620,19 @@ def test_a_real_run_becomes_a_page_that_is_the_same_each_time(finished, tmp_path
     assert len(results.run.candidates) == 3
     assert text.count("<figcaption>") >= 3 * 4 + 3
     assert {"svg", "details", "table"} <= Tags(text).names
+
+
+@pytest.mark.parametrize("films", [True, False])
+def test_where_mujoco_cannot_even_be_imported_as_it_is_told_to_the_page_has_no_film(finished, tmp_path, root, films):
+    page = tmp_path / "page.html"
+    done = subprocess.run(
+        [BIN / "porse", "report", finished, "--film" if films else "--no-film", "--out", page],
+        cwd=root, env=os.environ | {"MUJOCO_GL": "no-such-renderer"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    warning = "warning: the page has no film: expected no-such-renderer to draw a picture, found RuntimeError: invalid"
+    assert (warning in done.stderr) == films
+    assert ("expected no-such-renderer to draw a picture" in page.read_text()) == films
 
 
 def test_the_lineage_of_the_page_is_the_one_that_was_evaluated(finished):

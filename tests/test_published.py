@@ -28,7 +28,9 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from porse import tables
+from porse.checkpoint import policy_checkpoint, read_checkpoint, write_checkpoint
 from porse.cli import main
+from porse.config import parse_params
 from porse.errors import PorseError
 from porse.init import make_project as init_project
 from porse.inputs.resolve import Inputs
@@ -49,8 +51,10 @@ from porse.published.manifest import (
     read_manifest,
 )
 from porse.published.replay import drawn, names_of, replay
+from porse.published.shapes import policy_shapes
+from porse.training.start import random_policy
 from test_pipeline import Endpoint, git, tiny_params
-from tiny import BIN, QUIET, ROOT, dvc, make_project
+from tiny import BIN, QUIET, ROOT, committed_params, dvc, make_project
 from warm_stages import warm_stages
 
 
@@ -498,6 +502,28 @@ def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project
 def test_texts_that_are_no_such_texts_are_refused_by_name(tiny_run, project, name, text):
     (tiny_run / name).write_text(text)
     assert name in refusal(tiny_run, project)
+
+
+def test_a_policy_of_other_networks_is_refused(tiny_run, project):
+    path = tiny_run / "run" / "result" / "start" / "policies" / "best.safetensors"
+    arrays = dict(read_checkpoint(path).arrays)
+    arrays["actor.mlp.0.weight"] = np.zeros((8, 398), np.float32)
+    write_checkpoint(path, policy_checkpoint(arrays))
+    found = refusal(tiny_run, project)
+    assert (
+        "expected a policy of Quadcopter with 21 observations, hidden layers of 8 and 12 actions, found 398 " in found
+    )
+    assert "best.safetensors" in found
+
+
+@pytest.mark.parametrize(
+    ("task", "hidden", "normalises"), [("Quadcopter", [8], True), ("Over", [16, 8, 4], True), ("Pen", [8, 8], False)]
+)
+def test_the_shapes_of_a_policy_are_those_of_a_drawn_one(task, hidden, normalises):
+    train = {"hidden": hidden, "normalise_observations": normalises, "num_envs": 2}
+    document = committed_params()
+    params = parse_params({**document, "task": task, "train": document["train"] | train}, "here")
+    assert policy_shapes(params) == {name: array.shape for name, array in random_policy(params, 1).arrays.items()}
 
 
 TITLE = "\x1b]0;mine\x07\x9b2J\ntiny: 34 of 34 outputs identical"

@@ -10,6 +10,7 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+import yaml
 
 from porse import show
 from porse.checkpoint import write_checkpoint
@@ -40,6 +41,13 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
     (folder / "presets").symlink_to(root / "presets")
     write_checkpoint(folder / "policy.safetensors", random_policy(params, 1))
     write_checkpoint(policy_file(folder / "run" / "result" / "start", BEST), random_policy(params, 1))
+    # A project beside the one that the commands run in, with other parameters.
+    (folder / "project").mkdir()
+    document = committed_params()
+    document["train"] |= {"hidden": [16]}
+    (folder / "project" / "params.yaml").write_text(yaml.safe_dump(document))
+    other = random_policy(parse_params(document, "params.yaml"), 1)
+    write_checkpoint(policy_file(folder / "project" / "run" / "result" / "start", BEST), other)
     pen = parse_params({**committed_params(), "task": "Pen"}, "params.yaml")
     write_checkpoint(folder / "pen.safetensors", random_policy(pen, 1))
     policy = ["--checkpoint", "policy.safetensors", "--params", str(root / "params.yaml"), "--seconds", "0.4"]
@@ -61,7 +69,16 @@ def shown(root, params, tmp_path_factory) -> tuple[Path, dict[str, tuple[int, st
             *policy[2:],
         ],
         "of_run.gif": ["play", "Quadcopter", "--out", "of_run.gif", "--checkpoint", "run", *policy[2:]],
-        "of_no_run.gif": ["play", "Quadcopter", "--out", "of_no_run.gif", "--checkpoint", ".", *policy[2:]],
+        "of_its_folder.gif": [
+            "play",
+            "Quadcopter",
+            "--out",
+            "of_its_folder.gif",
+            "--checkpoint",
+            "project",
+            *policy[4:],
+        ],
+        "of_no_run.gif": ["play", "Quadcopter", "--out", "of_no_run.gif", "--checkpoint", "presets", *policy[2:]],
         "small.mp4": [
             "play",
             "Quadcopter",
@@ -145,7 +162,14 @@ def test_of_a_run_play_shows_the_policy_that_it_ended_with(shown):
     assert (folder / "of_run.gif").read_bytes() == (folder / "Quadcopter.gif").read_bytes()
     code, said = results["of_no_run.gif"]
     assert code == 1
-    assert "expected a checkpoint at result/start/policies/best.safetensors, found no such file" in said
+    assert "expected a checkpoint at presets/result/start/policies/best.safetensors, found no such file" in said
+
+
+@drawn
+def test_of_the_folder_of_a_run_play_shows_that_policy_with_the_runs_own_parameters(shown):
+    folder, results = shown
+    assert results["of_its_folder.gif"] == (0, "of_its_folder.gif: Quadcopter, 0.4 s\n")
+    assert (folder / "of_its_folder.gif").read_bytes() != (folder / "of_run.gif").read_bytes()
 
 
 @drawn
@@ -161,7 +185,11 @@ def test_a_policy_of_another_task_is_refused(shown):
     _, results = shown
     code, said = results["pen_by_policy.gif"]
     assert code == 1
-    assert "expected the networks of params.yaml (train.hidden) and of the task" in said
+    # The observations and actions of the task's page, and the networks of its preset; the file is of Quadcopter.
+    assert "expected a policy of Pen with 417 observations, hidden layers of 256-256-128 and 52 actions, " in said
+    assert (
+        "found 21 observations, hidden layers of 64-64 and 12 actions in policy.safetensors; name the task and" in said
+    )
 
 
 @drawn

@@ -204,10 +204,95 @@ def test_a_name_that_is_no_task_is_answered_with_what_was_found(inside, name, sa
         find_task(name)
 
 
-def test_an_import_that_is_missing_inside_the_module_is_named_itself(inside):
-    (inside / "mine.py").write_text("import no_such_package\n", encoding="utf-8")
-    with pytest.raises(ModuleNotFoundError, match="no_such_package"):
+FAULTS = {
+    "syntax": ("_act(self) -> None:", "_act(self) -> None", "be imported, found SyntaxError: expected ':'"),
+    "import": (
+        "import torch\n", "import no_torch\n", "be imported, found ModuleNotFoundError: No module named 'no_torch'",
+    ),
+    "class": ("ACTIONS = 1", "ACTIONS = one", "be imported, found NameError: name 'one' is not defined"),
+    "no scene": ('"cart.xml"', '"card.xml"', "give a scene that MuJoCo compiles, found ValueError: .*card.xml'"),
+    "constructor": ("._uniform(", "._unifrom(", "start its episodes, found AttributeError: .* no attribute '_unifrom'"),
+    "measure": (".velocities()", ".velocity()", "start its episodes, found AttributeError: .* no attribute 'velocity'"),
+    "failed": ("return self.pole", "return slef.pole", "start its episodes, found NameError: name 'slef' is not defined"),
+    "observations": (
+        "self.pole_vel), dim", "self.pole_vel[:1]), dim", "start its episodes, found RuntimeError: stack expects",
+    ),
+    "step": (
+        "self.actions.", "self.action.",
+        r"take a step with actions \(3, 1\), by its NUM_ACTIONS, in a scene with nu = 1, found AttributeError: .* 'action'",
+    ),
+    "reset": (
+        "-0.1, 0.1, len(ids)", "-0.1, 0.1, 3",
+        r"start an episode anew, found RuntimeError: shape mismatch: value tensor of shape \[3\]",
+    ),
+}  # fmt: skip
+"""What stands in the example, what a user wrote instead, and what is said of it."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_a_users_code_is_told_in_pythons_words_with_its_line(inside, fault):
+    right, wrong, says = FAULTS[fault]
+    text = (inside / "my_tasks" / "cart.py").read_text(encoding="utf-8")
+    assert text.count(right) == 1
+    (inside / "my_tasks" / "faulty.py").write_text(text.replace(right, wrong), encoding="utf-8")
+    line = 1 + text[: text.index(right)].count("\n")
+    with pytest.raises(
+        TaskError, match=rf"^expected my_tasks\.faulty:CartPole to {says}.*, at my_tasks/faulty\.py:{line}; mend it$"
+    ):
+        make_task("my_tasks.faulty:CartPole", 2, seed=0)
+
+
+def test_an_action_too_many_is_told_with_the_size_of_the_scene(inside):
+    text = (inside / "my_tasks" / "cart.py").read_text(encoding="utf-8")
+    (inside / "my_tasks" / "faulty.py").write_text(text.replace("NUM_ACTIONS = 1", "NUM_ACTIONS = 2"), encoding="utf-8")
+    with pytest.raises(TaskError, match=r"actions \(3, 2\), by its NUM_ACTIONS, in a scene with nu = 1, found Runtime"):
+        make_task("my_tasks.faulty:CartPole", 2, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "says"),
+    [
+        ("</mujoco>", "</mujoko>", r"found ValueError: XML parse error .*, at my_tasks/faulty\.py:39; mend it"),
+        # MuJoCo reads it in a call of the package's own.
+        (
+            'joint="rail"',
+            'joint="rial"',
+            r"found ValueError: Error: unknown transmission target 'rial' .* line 18; mend",
+        ),
+    ],
+)
+def test_a_wrong_scene_is_told_in_mujocos_words(inside, right, wrong, says):
+    for kind in ("py", "xml"):
+        text = (inside / "my_tasks" / f"cart.{kind}").read_text(encoding="utf-8").replace("cart.xml", "faulty.xml")
+        (inside / "my_tasks" / f"faulty.{kind}").write_text(text.replace(right, wrong), encoding="utf-8")
+    with pytest.raises(TaskError, match=f"to give a scene that MuJoCo compiles, {says}"):
+        find_task("my_tasks.faulty:CartPole")
+
+
+def test_a_lack_of_memory_is_no_fault_of_the_users_code(inside):
+    (inside / "mine.py").write_text("raise MemoryError\n", encoding="utf-8")
+    with pytest.raises(MemoryError):
         find_task("mine:Half")
+
+
+def test_commands_say_where_a_users_code_is_wrong_without_a_traceback(root, project):
+    text = (project / "my_tasks" / "cart.py").read_text(encoding="utf-8")
+    (project / "my_tasks" / "slip.py").write_text(text.replace("self.actions.", "self.action."), encoding="utf-8")
+    name, environment = "my_tasks.slip:CartPole", os.environ | {"PYTHONPATH": str(root)}
+    for command in (
+        ["render", name, "--out", "cart.png"],
+        ["check-code", name, "--reward", "reward.py"],
+    ):
+        done = subprocess.run(
+            [sys.executable, *PORSE, *command],
+            cwd=project,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert " ".join(done.stderr.split()).endswith("has no attribute 'action', at my_tasks/slip.py:46; mend it")
 
 
 def test_a_class_that_does_not_keep_what_it_says_is_refused_with_all_that_differs(inside):
@@ -221,14 +306,17 @@ class Wrong(CartPole):
         return self.pole_angle
     def fitness(self):
         return 1
+    def sparse_reward(self):
+        super().sparse_reward()
 """
     (inside / "mine.py").write_text(changes, encoding="utf-8")
     with pytest.raises(TaskError) as refusal:
         make_task("mine:Wrong", 2, seed=0)
     said = str(refusal.value)
     assert "no attribute pole_tip after a reset" in said
-    assert "compute_observations returns (2, 4) of torch.float32 in place of (2, 5)" in said
-    assert "failed returns (2,) of torch.float32 in place of (2,) of torch.bool" in said
+    assert "compute_observations returns (3, 4) of torch.float32 in place of (3, 5)" in said
+    assert "failed returns (3,) of torch.float32 in place of (3,) of torch.bool" in said
+    assert "sparse_reward returns None in place of (3,) of torch.float32" in said
     assert "fitness returns 1, which is not a float" in said
 
 

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
+from porse.documents import parse_python
+
 
 def imported_files(start: Path, homes: Mapping[str, Path], lists: frozenset[Path]) -> set[Path]:
     """Returns `start` and the files that it imports, directly or not.
@@ -17,12 +19,15 @@ def imported_files(start: Path, homes: Mapping[str, Path], lists: frozenset[Path
         start: a Python file.
         homes: top-level packages that are followed, each with the folder that it lies in; what others import is theirs.
         lists: files that name modules without importing them.
+
+    Raises:
+        ParamsError: one of the files is no Python.
     """
     found = {start}
     todo = [start]
     while todo:
         path = todo.pop()
-        names = set() if path in lists else _names_in(path.read_text(encoding="utf-8"))
+        names = set() if path in lists else _names_in(path.read_bytes(), str(path))
         imported = {file for name in names for file in _files(name, homes)}
         todo.extend(imported - found)
         found |= imported
@@ -42,9 +47,9 @@ def _files(name: str, homes: Mapping[str, Path]) -> Iterator[Path]:
 
 
 @cache
-def _names_in(text: str) -> frozenset[str]:
+def _names_in(content: bytes, where: str) -> frozenset[str]:
     names: set[str] = set()
-    _collect(ast.parse(text), names)
+    _collect(parse_python(content, where), names)
     return frozenset(names)
 
 

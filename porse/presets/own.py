@@ -7,6 +7,7 @@ and run its code for every command that only reads `params.yaml`.
 import ast
 from pathlib import Path
 
+from porse.documents import parse_python
 from porse.errors import ParamsError
 from porse.presets.rules import Sizes
 from porse.task_names import module_file
@@ -28,13 +29,11 @@ def sizes_of(task: str, root: Path, preset: Path) -> Sizes:
     module, _, name = task.partition(":")
     path = module_file(root, module)
     try:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parse_python(path.read_bytes(), str(path))
     except FileNotFoundError:
         raise ParamsError(
             f"expected the module of task {task!r} at {path}, found no such file; correct its name or add it"
         ) from None
-    except (SyntaxError, UnicodeDecodeError, ValueError) as error:
-        raise ParamsError(f"expected Python in {path}, found: {error}; correct the file") from None
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
     stated = _stated(name, classes)
     lacking = [key for key in _NAMES if stated.get(key, 0) < 1]

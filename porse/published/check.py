@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from porse import tables
-from porse.checkpoint import read_checkpoint
+from porse.checkpoint import check_networks, read_checkpoint
 from porse.config import ROOT, Params, load_document, load_params
 from porse.errors import PorseError
 from porse.generation.answers import FILES, GRAMMAR, SPLICED
@@ -23,6 +23,7 @@ from porse.processes import die_with_parent, limit_memory
 from porse.published.inputs import is_visible, parse_inputs
 from porse.published.locks import INPUTS, RESOLVE, Stage, check_pipeline_of, digest, is_output, read_locks
 from porse.published.manifest import refused
+from porse.published.shapes import policy_shapes
 from porse.report.results import read_results
 from porse.tables import Table
 from porse.task_names import is_own
@@ -135,7 +136,10 @@ def check_all(folder: Path, trust: bool, at: Callable[[str], None]) -> None:
         tables.read(path, _START_TABLES[path.stem])
     for path in sorted(folder.glob("run/*/start/policies/*.safetensors")):
         at(path.relative_to(folder).as_posix())
-        read_checkpoint(path)
+        policy = read_checkpoint(path)
+        # What is a policy of its author's own task shows when its code is run.
+        if not is_own(params.task):
+            check_networks(policy, policy_shapes(params), params.task, path)
     at(REPLIES)
     written = (FILES, GRAMMAR, SPLICED)
     _check_replies(folder, {row["key"] for row in results.run.replies if row["answered_by"] not in written})

@@ -125,7 +125,7 @@ def _with_published(callback: Any) -> Any:
     """Returns the callback of `porse play` that also takes the name of a published run in a task's place."""
 
     @functools.wraps(callback)
-    def run(task: str, checkpoint: Path | None, path: Path, **others: Any) -> Any:
+    def run(task: str, checkpoint: Path | None, path: Path | None, **others: Any) -> Any:
         if not is_name(task) or not (ROOT / FOLDER / task).is_dir():
             return callback(task=task, checkpoint=checkpoint, path=path, **others)
         folder = find(ROOT, task)

@@ -157,7 +157,15 @@ def winners_policy(run: Path, params: Params) -> Path:
     """Returns the file of the policy that a run ended with.
 
     Args:
-        run: the folder `run/` of its stages.
+        run: the folder of the run, or that of its iterations, `run` in it.
         params: its parameters.
     """
-    return policy_file(run / str(params.iterations[-1].next) / "start", BEST)
+    iterations = run / "run" if (run / "run").is_dir() else run
+    return policy_file(iterations / str(params.iterations[-1].next) / "start", BEST)
+
+
+def params_file(run: Path) -> Path:
+    """Returns the `params.yaml` in or above a run's folder or one of its policies, else that of the project."""
+    folder = run.resolve() if run.is_dir() else run.resolve().parent
+    found = (place / "params.yaml" for place in (folder, *folder.parents))
+    return next((path for path in found if path.is_file()), Path("params.yaml"))

@@ -7,10 +7,11 @@ import click
 
 from porse.outdated import warn_of_another_run
 from porse.paths import check_target
-from porse.printing import echo
+from porse.printing import echo, print_line
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.reporting.film import winner_film
+from porse.show import import_without_drawing
 
 FORMS = (".html", ".md", ".tex", ".csv")
 """How a comparison can be written; a run is a page."""
@@ -50,7 +51,13 @@ def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:
     run = runs[0] if runs else Path()
     warn_of_another_run(run)
     results = read_results(run)
-    film = winner_film(results.params, run) if films else no_film("the page was written with --no-film.")
+    if films:
+        film = winner_film(results.params, run)
+        if not film.gif:
+            print_line("warning: ", f"the page has no film: {film.words}", hang=0, err=True)
+    else:
+        import_without_drawing()
+        film = no_film("the page was written with --no-film.")
     return render(page_of(results, film))
 
 

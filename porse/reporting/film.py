@@ -4,10 +4,9 @@ import tempfile
 from pathlib import Path
 
 from porse.config import Params
-from porse.errors import PorseError
 from porse.report.page import Film, no_film
 from porse.report.results import winners_policy
-from porse.show import draws
+from porse.show import import_without_drawing, no_renderer
 from porse.task_names import is_own
 
 LENGTHS_S = (4.0, 2.0, 1.0)
@@ -26,11 +25,10 @@ def winner_film(params: Params, folder: Path) -> Film:
     if is_own(params.task):
         return no_film("the task is one of its author's own, and its code is not run for a page.")
     if not policy.is_file():
+        import_without_drawing()
         return no_film("the run's policies are not beside its tables.")
-    try:
-        draws()
-    except PorseError as error:
-        return no_film(f"{error}.")
+    if without := no_renderer():
+        return no_film(f"{without}.")
     from porse.film import SEED, Shot, write_gif
     from porse.tasks import make_task
     from porse.training.actor import policy_actor

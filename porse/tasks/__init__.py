@@ -6,6 +6,7 @@ A task's module is imported when it is asked for: a run depends on the code of i
 import difflib
 import importlib
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 from porse.errors import TaskError
@@ -42,7 +43,7 @@ def find_task(name: str) -> type["Task"]:
     """Returns the class of the task with that name: a name in `TASKS`, or "module:Class" for a task of your own.
 
     Raises:
-        TaskError: no task has that name.
+        TaskError: no task has that name, or a task of your own cannot take a first step.
     """
     if is_own(name):
         from porse.tasks.own import find_own_task
@@ -71,15 +72,15 @@ def make_task(name: str, num_envs: int, seed: int, threads: int = 1, device: "De
     """
     if device is None or device.name == "cpu":
         # A task of one's own may know nothing of devices.
-        task = find_task(name)(num_envs, seed, threads)
+        make = partial(find_task(name), num_envs, seed, threads)
     else:
         from porse.sim.placement import unplaced
 
         with unplaced():
             found = find_task(name)
-        task = found(num_envs, seed, threads, device)
+        make = partial(found, num_envs, seed, threads, device)
     if is_own(name):
-        from porse.tasks.own import check_task
+        from porse.tasks.own import start_own_task
 
-        check_task(task)
-    return task
+        return start_own_task(name, make)
+    return make()

@@ -24,6 +24,6 @@ def policy_actor(task: Task, checkpoint: Path, params: TrainParams) -> Actor:
     """
     content = read_checkpoint(checkpoint)
     ppo = build_ppo(observation_groups(task.observations()), task.NUM_ACTIONS, params)
-    load_policy(ppo, content, checkpoint)
+    load_policy(ppo, content, task.NAME, checkpoint)
     ppo.eval_mode()
     return lambda observations: ppo.actor(observation_groups(observations))

@@ -4,7 +4,7 @@ import traceback
 from collections.abc import Callable
 
 from porse.config import Params
-from porse.errors import PorseError
+from porse.errors import PorseError, lacks_memory
 from porse.exploration import Counts, ProgressSpace, SimHash, literal, relative
 from porse.functions.run.execute import Function
 from porse.functions.verdict import CodeError
@@ -18,7 +18,7 @@ from porse.training.bonus import Bonus, Ledger, MappingBonus, NoBonus, Price, Si
 from porse.training.device import made_ready
 from porse.training.goal import Goal, generated, human, sparse
 from porse.training.job import Job, Outcome
-from porse.training.reason import lacks_memory, plain, reason_of
+from porse.training.reason import plain, reason_of
 from porse.training.reward import CandidateFailed, Reward
 from porse.training.scale import NoScale, ReturnScale, Scale
 from porse.training.trainer import Trainer

@@ -3,24 +3,12 @@
 from porse.errors import without_places
 
 _LONGEST = 400
-_SIGNS_OF_LACK = (
-    "can't allocate memory",
-    "not enough memory",
-    "bad_alloc",
-    "cannot allocate memory",
-    "could not allocate",
-)
 
 
 def reason_of(error: BaseException) -> str:
     """Returns what an exception says, as part of a sentence."""
     said = plain(str(error))
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
-
-
-def lacks_memory(error: BaseException) -> bool:
-    """Returns whether an exception says that memory was refused; torch and MuJoCo have no type of their own for that."""
-    return isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in _SIGNS_OF_LACK)
 
 
 def last_words(printed: str) -> str:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from rsl_rl.algorithms import PPO
 from torch import Tensor
 
-from porse.checkpoint import Checkpoint
-from porse.errors import CheckpointError
+from porse.checkpoint import Checkpoint, check_networks
 
 
 def arrays(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, NDArray[np.generic]]:
@@ -28,19 +27,15 @@ def policy_arrays(ppo: PPO) -> dict[str, NDArray[np.generic]]:
     return arrays(ppo.actor.state_dict(), "actor") | arrays(ppo.critic.state_dict(), "critic")
 
 
-def load_policy(ppo: PPO, checkpoint: Checkpoint, where: Path) -> None:
-    """Puts a file's policy into `ppo`.
+def load_policy(ppo: PPO, checkpoint: Checkpoint, task: str, where: Path) -> None:
+    """Puts a file's policy into `ppo`, whose networks are those of the task `task`.
 
     Raises:
-        CheckpointError: the networks have other names or shapes than the parameters ask for.
+        CheckpointError: the networks have other names or shapes than the task and the parameters ask for.
     """
-    try:
-        ppo.actor.load_state_dict(tensors(checkpoint, "actor"))
-        ppo.critic.load_state_dict(tensors(checkpoint, "critic"))
-    except RuntimeError as error:
-        raise CheckpointError(
-            f"expected the networks of params.yaml (train.hidden) and of the task, found others in {where}: {' '.join(str(error).split())}; run `dvc repro`"
-        ) from error
+    check_networks(checkpoint, {name: array.shape for name, array in policy_arrays(ppo).items()}, task, where)
+    ppo.actor.load_state_dict(tensors(checkpoint, "actor"))
+    ppo.critic.load_state_dict(tensors(checkpoint, "critic"))
 
 
 def optimizer_arrays(ppo: PPO) -> dict[str, NDArray[np.generic]]:

@@ -91,7 +91,7 @@ class Trainer:
             CheckpointError: the file is missing, damaged, or of other networks.
         """
         checkpoint = read_checkpoint(path)
-        load_policy(self._ppo, checkpoint, path)
+        load_policy(self._ppo, checkpoint, self._env.task.NAME, path)
         if checkpoint.scalars["kind"] == "policy":
             self._env.task.stagger(seed_for(self._seed, "ages"))
             return
