@@ -52,7 +52,8 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
         )
     params = load_params(root / "params.yaml", root)
     check_start(params)
-    for line in [*write_pipeline(root, params), *repair(root)]:
+    # In this order: a copy of a lock that takes the place of a damaged one may name stages that are no more.
+    for line in [*repair(root), *write_pipeline(root, params)]:
         say(line)
     # What DVC says between the stages is neither progress nor JSON. Who gives it arguments wants to read what it says of them.
     quiet = ["--quiet"] if progress or not arguments else []

@@ -14,7 +14,7 @@ from porse.repro import check_start, reproduce
 
 
 @click.command("pipeline")
-@click.option("--check", is_flag=True, help="Write nothing; fail if something would be written.")
+@click.option("--check", is_flag=True, help="Write nothing; fail if a dvc.yaml is out of date.")
 def pipeline(check: bool) -> None:
     """Write the dvc.yaml of each iteration from iterations, rungs, mutate.pool and fuse.pool of params.yaml."""
     params = load_params(Path("params.yaml"))
