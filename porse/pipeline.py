@@ -27,6 +27,29 @@ def lock_files(root: Path) -> list[Path]:
     return [root / "dvc.lock", *sorted(inside, key=lambda path: (len(path.parent.name), path.parent.name))]
 
 
+def lock_entries(lock: Path) -> dict[str, Any]:
+    """Returns the entries of a lock by the names of their stages; none where there is no lock.
+
+    Raises:
+        ParamsError: it is no lock as DVC writes it.
+    """
+    document = read_yaml(lock) if lock.is_file() else None
+    if document is None:
+        return {}
+    try:
+        entries: dict[str, Any] = document["stages"]
+        files = [file for entry in entries.values() for kind in ("deps", "outs") for file in entry.get(kind) or []]
+        fine = all(isinstance(file["path"], str) and isinstance(file["md5"], str) for file in files)
+    except (KeyError, TypeError, AttributeError):
+        fine = False
+    if not fine:
+        raise ParamsError(
+            f"expected in {lock} the entries of stages with the paths and hashes of their files, as DVC writes a lock, found "
+            "something else; run `porse repro`, which mends it"
+        )
+    return entries
+
+
 def pipeline_files(root: Path, params: Params) -> dict[Path, str]:
     """Returns the text of each iteration's `dvc.yaml`, by its path.
 
@@ -64,7 +87,7 @@ def write_pipeline(root: Path, params: Params) -> list[str]:
     made = {out for own in stages.values() for stage in own.values() for out in stage["outs"]}
     for lock in lock_files(root)[1:]:
         entries = _entries(lock)
-        outs = sorted({out["path"] for entry in entries.values() for out in entry["outs"]} - made)
+        outs = sorted({out["path"] for entry in entries.values() for out in entry.get("outs") or []} - made)
         did += [f"{out}: removed, no stage makes it any more" for out in outs if _remove_output(root, out)]
         gone = [name for name in entries if name not in stages.get(lock.with_name("dvc.yaml"), entries)]
         if gone:
@@ -115,13 +138,10 @@ def check_dependency(root: Path, task: str) -> None:
 
 
 def _entries(lock: Path) -> dict[str, Any]:
-    """Returns the entries of a lock by their stages; none where a kill or a merge has left something else."""
+    """Returns the entries of a lock; none where a kill or a merge has left something else."""
     try:
-        entries = read_yaml(lock)["stages"]
-        return (
-            entries if all(isinstance(out["path"], str) for entry in entries.values() for out in entry["outs"]) else {}
-        )
-    except (ParamsError, KeyError, TypeError, AttributeError):
+        return lock_entries(lock)
+    except ParamsError:
         return {}
 
 

@@ -506,15 +506,20 @@ def test_a_reply_that_the_tables_name_and_that_is_not_there_is_refused(tiny_run,
     assert f"{path.name}: expected a record that the tables name, found none" in refusal(tiny_run, project)
 
 
-def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project, tmp_path):
+@pytest.mark.parametrize("name", ["params.yaml", "inputs/summarise.json"])
+def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project, tmp_path, name):
     """A module of that name lies where it would be found."""
     stolen = tmp_path / "stolen"
     module = project / "hostile_task.py"
     module.write_text(f"open({str(stolen)!r}, 'w')\nclass Task: EPISODE_LENGTH = NUM_OBSERVATIONS = NUM_ACTIONS = 1\n")
     try:
-        path = tiny_run / "params.yaml"
-        path.write_text(path.read_text().replace("task: Quadcopter", "task: hostile_task:Task"))
-        assert "found 'hostile_task:Task', which is its author's code" in refusal(tiny_run, project)
+        path, lock = tiny_run / name, tiny_run / "dvc.lock"
+        md5 = digest(path)
+        path.write_text(re.sub(r'(task"?: "?)Quadcopter', r"\1hostile_task:Task", path.read_text()))
+        lock.write_text(lock.read_text().replace(md5, digest(path)))
+        found = refusal(tiny_run, project)
+        assert ("found 'hostile_task:Task', which is its author's code" in found) is (name == "params.yaml")
+        assert ("inputs, found another one" in found) is (name != "params.yaml")
     finally:
         module.unlink()
     assert not stolen.exists()
