@@ -17,7 +17,7 @@ from typing import Any
 
 from porse.config import Params, leaves, load_document, load_params, parse_part, presets_root, resolve_document
 from porse.documents import parse_yaml
-from porse.errors import ParamsError, PorseError
+from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import lock_entries, lock_files
 from porse.printing import print_line
@@ -69,11 +69,12 @@ def _document(root: Path) -> dict[str, Any]:
 
 
 def another_run(root: Path) -> str | None:
-    """Returns a sentence that says that the results in `root` are another run's, None where nothing says so."""
-    try:
-        changed = changed_parameters(root)
-    except ParamsError as error:
-        return f"expected to compare these results with params.yaml, found that it cannot be read: {error}"
+    """Returns a sentence that says that the results in `root` are another run's, None where nothing says so.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read.
+    """
+    changed = changed_parameters(root)
     if not changed:
         return None
     # What names a run comes first.
@@ -89,7 +90,11 @@ def another_run(root: Path) -> str | None:
 
 
 def warn_of_another_run(root: Path) -> None:
-    """Prints a warning on standard error where the results in `root` are not those of its params.yaml."""
+    """Prints a warning on standard error where the results in `root` are not those of its params.yaml.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read.
+    """
     # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
     if (root / "dvc.lock").is_file() and (warning := another_run(root)):
         print_line("warning: ", str(warning), hang=0, err=True)

@@ -334,6 +334,33 @@ def test_folders_that_are_not_there_are_refused(root, tmp_path, monkeypatch):
     assert f"Expected texts named <key>.md or <key>.txt in the directory {tmp_path / 'answers'}" in done.output
 
 
+@pytest.mark.parametrize(
+    "text", ["- a\n", "a\n", "stages: 3\n", "stages: {begin: 3}\n", "stages: {begin: {deps: [run]}}\n"]
+)
+def test_a_lock_that_is_no_lock_ends_in_a_sentence(root, tmp_path, monkeypatch, text):
+    for name in (
+        "porse",
+        "stages",
+        "prompts",
+        "presets",
+        "functions",
+        "params.yaml",
+        "dvc.yaml",
+        "requirements.lock",
+        "llm_cache",
+    ):
+        (tmp_path / name).symlink_to(root / name)
+    (tmp_path / "iterations" / "1").mkdir(parents=True)
+    (tmp_path / "dvc.lock").touch()
+    (tmp_path / "iterations" / "1" / "dvc.lock").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    for command in ("status", "results", "trends"):
+        done = porse(command)
+        assert done.exit_code == 1
+        assert "expected in iterations/1/dvc.lock the entries of stages with the paths and hashes" in done.output
+        assert "; run `porse repro`, which mends it" in done.output
+
+
 def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path):
     clone = tmp_path / "clone"
     clone.mkdir()
