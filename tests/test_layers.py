@@ -13,7 +13,7 @@ from porse.inputs.stages import STAGES
 from porse.pipeline import check_pipeline
 
 LAYERS: list[set[str]] = [
-    {"errors", "helpers", "identity", "processes", "task_names", "variables"},
+    {"errors", "helpers", "identity", "processes", "quiet_dvc", "task_names", "variables"},
     {"paths", "printing"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"presets"},
