@@ -25,6 +25,7 @@ from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
 from porse.printing import echo
 from porse.processes import memory_mib
+from porse.report.answer import author_of
 from porse.repro import has_source_control
 from porse.show import draws
 from porse.training.limits import WORKERS_VARIABLE, cpus, workers
@@ -126,7 +127,8 @@ def _project(root: Path) -> Iterator[Finding]:
         return
     yield parameters(root)
     yield source_control(root)
-    yield replies(root / "llm_cache")
+    params = _read_params(root)
+    yield replies(root / "llm_cache", params is None or _needs_replies(params))
     yield dvc_cache(root)
     yield permissions(root)
     yield disk(root)
@@ -289,8 +291,18 @@ def source_control(root: Path) -> Finding:
     )
 
 
-def replies(cache: Path) -> Finding:
-    """Returns whether recorded replies can be read and are what they were, and whether more can be recorded."""
+def _needs_replies(params: Params) -> bool:
+    """Returns whether a run stops where a question has no reply."""
+    return author_of(params) == "model" and params.llm.on_miss == "error"
+
+
+def replies(cache: Path, needed: bool) -> Finding:
+    """Returns whether recorded replies can be read and are what they were, and whether more can be recorded.
+
+    Args:
+        cache: the folder of the replies.
+        needed: whether a run stops without them.
+    """
     store = Store(cache)
     try:
         keys = list(store.all_keys())
@@ -300,6 +312,8 @@ def replies(cache: Path) -> Finding:
         return Finding(
             "reply cache", "problem", str(error), "restore it with: git checkout llm_cache; then porse llm verify"
         )
+    if not needed and not keys:
+        return Finding("reply cache", "ok", f"no recorded replies in {cache}, and params.yaml asks for none")
     if not keys:
         return Finding(
             "reply cache",
@@ -308,14 +322,14 @@ def replies(cache: Path) -> Finding:
             "git checkout llm_cache brings the committed ones back; generator: grammar needs none",
         )
     found = f"{len(keys)} recorded replies, {len(read)} of them read and verified"
-    if not os.access(cache, os.W_OK):
+    if needed and not os.access(cache, os.W_OK):
         return Finding(
             "reply cache",
             "warning",
             f"{found}; read-only: a run replays, and cannot record",
             f"chmod -R u+w {cache}, to record",
         )
-    return Finding("reply cache", "ok", f"{found}; writable")
+    return Finding("reply cache", "ok", f"{found}; writable" if needed else f"{found}; params.yaml asks for none")
 
 
 def dvc_cache(root: Path) -> Finding:

@@ -5,6 +5,7 @@ It is YAML 1.2, so that a value is the same for both, and a key that stands twic
 
 import ast
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -65,4 +66,37 @@ def render_yaml(document: Any) -> str:
     writer = YAML()
     stream = io.StringIO()
     writer.dump(document, stream)
+    return stream.getvalue()
+
+
+def edited_yaml(text: str, where: str, edit: Callable[[Any], None]) -> str:
+    """Returns a YAML text with changes; its comments and its layout, which are those of this project's files, stay.
+
+    Args:
+        text: the text.
+        where: names it in errors.
+        edit: changes the document in place, by its keys.
+
+    Raises:
+        ParamsError: it is no YAML, or has no such keys.
+    """
+    from ruamel.yaml import YAML
+
+    parse_yaml(text, where)
+    editor = YAML()
+    editor.preserve_quotes = True
+    editor.width = 2**16
+    editor.indent(mapping=2, sequence=4, offset=2)
+    editor.representer.add_representer(
+        type(None), lambda writer, _: writer.represent_scalar("tag:yaml.org,2002:null", "null")
+    )
+    document = editor.load(text)
+    try:
+        edit(document)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ParamsError(
+            f"expected the sections and keys of this project's file in {where}, found others ({error!r}); correct the file"
+        ) from None
+    stream = io.StringIO()
+    editor.dump(document, stream)
     return stream.getvalue()

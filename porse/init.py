@@ -3,11 +3,15 @@
 import shutil
 import subprocess
 import sys
+import tempfile
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
-from porse.config import load_params
+from porse.config import load_document, parse_params
+from porse.documents import edited_yaml
 from porse.errors import PorseError
 from porse.pipeline import write_pipeline
 from porse.printing import echo
@@ -19,18 +23,6 @@ _CARRIED = Path(__file__).with_name("project")
 """Where a wheel has these files; a checkout has them at its root."""
 
 _TASK = "my_tasks.cart:CartPole"
-_CHANGED = {
-    "params.yaml": (
-        ("\ntask: Quadcopter\n", f"\ntask: {_TASK}\n"),
-        ("\ngenerator: model\n", "\ngenerator: grammar\n"),
-    ),
-    # The package is not a file of the project: what it is, resolve finds out each time.
-    "dvc.yaml": (
-        ("      - porse\n", "      - my_tasks\n"),
-        ("    outs:\n      - inputs/begin", "    always_changed: true\n    outs:\n      - inputs/begin"),
-    ),
-}
-"""Texts of this project that are others in a new one."""
 
 
 @click.command()
@@ -43,16 +35,28 @@ def init(folder: Path) -> None:
 
 
 def make_project(folder: Path) -> None:
-    """Makes a project in `folder`, a Git and DVC repository.
+    """Makes a project in `folder`, a Git and DVC repository: whole, or not at all.
 
     Raises:
-        PorseError: something is there already, or Git or DVC refuses.
+        PorseError: something is there already, Git or DVC refuses, or the files of this project are not as they should be.
     """
     if folder.exists() and any(folder.iterdir()):
         raise PorseError(
             f"expected an empty folder, or none, at {folder}, found something in it; name another, or empty it"
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    parent = folder.resolve().parent
+    parent.mkdir(parents=True, exist_ok=True)
+    # Beside its place, so that Git and DVC find the same around it.
+    with tempfile.TemporaryDirectory(prefix=".porse-init-", dir=parent) as name:
+        made = Path(name)
+        _fill(made)
+        folder.mkdir(exist_ok=True)
+        for path in made.iterdir():
+            shutil.move(path, folder / path.name)
+
+
+def _fill(folder: Path) -> None:
+    """Makes a project in an empty folder."""
     inside = subprocess.run(["git", "rev-parse", "--git-dir"], cwd=folder, capture_output=True).returncode == 0
     if not inside:
         _call(folder, "git", "init", "--quiet")
@@ -66,9 +70,22 @@ def make_project(folder: Path) -> None:
     _copy(STARTER / "cart.xml", tasks / "cart.xml")
     _copy(STARTER / "README.md", folder / "README.md")
     _copy(STARTER / "gitignore.txt", folder / ".gitignore")
-    for name, changes in _CHANGED.items():
-        _change(folder / name, changes)
-    write_pipeline(folder, load_params(folder / "params.yaml", folder))
+    for name, edit in (("params.yaml", _train_own_task), ("dvc.yaml", partial(_depend_on_own_task, folder))):
+        text = (folder / name).read_text(encoding="utf-8")
+        (folder / name).write_text(edited_yaml(text, str(source / name), edit), encoding="utf-8")
+    params = parse_params(load_document(folder / "params.yaml"), str(source / "params.yaml"), folder)
+    write_pipeline(folder, params)
+
+
+def _train_own_task(document: Any) -> None:
+    document |= {"task": _TASK, "generator": "grammar"}
+
+
+def _depend_on_own_task(folder: Path, document: Any) -> None:
+    resolve = document["stages"]["resolve"]
+    # The package is not a file of the project: what it is, resolve finds out each time.
+    resolve["deps"] = [*(dep for dep in resolve["deps"] if (folder / dep).exists()), "my_tasks"]
+    resolve.insert([*resolve].index("outs"), "always_changed", True)
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -77,18 +94,6 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
     else:
         shutil.copyfile(source, target)
-
-
-def _change(path: Path, changes: tuple[tuple[str, str], ...]) -> None:
-    text = path.read_text(encoding="utf-8")
-    for before, after in changes:
-        if text.count(before) != 1:
-            raise PorseError(
-                f"expected {before.strip()!r} once in {path.name} of the package, found it {text.count(before)} times; the "
-                "installation is damaged, or the checkout was changed: install porse again"
-            )
-        text = text.replace(before, after)
-    path.write_text(text, encoding="utf-8")
 
 
 def _call(where: Path, *command: str) -> None:

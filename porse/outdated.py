@@ -1,27 +1,46 @@
-"""Whether the results in the workspace are those of `params.yaml` as it is now: `porse results` says so where not.
+"""What the run in a folder was made with, and whether `params.yaml` still says so: `porse results` says it where not.
 
 DVC's locks name the inputs of each stage that ran, and the inputs hold the parameters that it read (porse/inputs). A fresh
 clone has locks and no inputs: there, the committed parameters are those of the run where they give the inputs that the locks
 name.
 """
 
+import copy
 import functools
 import hashlib
 import json
+import operator
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from porse.config import leaves, load_document, presets_root, resolve_document
-from porse.documents import parse_yaml, read_yaml
-from porse.errors import ParamsError, PorseError
+from porse.config import Params, leaves, load_document, load_params, parse_part, presets_root, resolve_document
+from porse.documents import parse_yaml
+from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
-from porse.pipeline import lock_files
+from porse.pipeline import lock_entries, lock_files
 from porse.printing import print_line
 
 _SHOWN = 3
 """So many parameters that differ are named one by one."""
+
+
+def params_of_run(root: Path) -> Params:
+    """Returns the parameters that the run in `root` was made with; those of `params.yaml` where nothing else is known.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read, or parameters are missing, unknown or out of range.
+    """
+    changed = changed_parameters(root)
+    if not changed:
+        return load_params(root / "params.yaml", presets_root(root))
+    document = _document(root)
+    for name, (then, _) in changed.items():
+        *sections, key = name.split(".")
+        functools.reduce(operator.getitem, sections, document)[key] = then
+    # Its parts were checked together when the run was made.
+    return parse_part(document, f"what the run in {root} was made with, by its locks")
 
 
 def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
@@ -33,26 +52,29 @@ def changed_parameters(root: Path) -> dict[str, tuple[Any, Any]]:
     Raises:
         ParamsError: `params.yaml` or a lock cannot be read.
     """
-    where = root / "params.yaml"
-    now = dict(leaves(resolve_document(load_document(where), str(where), presets_root(root)).document))
-    found: dict[str, tuple[Any, Any]] = {}
+    now = dict(leaves(_document(root)))
+    then: dict[str, Any] = {}
     committed = functools.cache(lambda: _committed_inputs(root))
-    for path, digest in sorted({*_inputs_of_run(root)}):
+    for path, digest in dict.fromkeys(_inputs_of_run(root)):
         text = _content(root, path, digest) or committed().get(digest)
-        if text is None:
-            continue
-        for name, value in leaves(json.loads(text)["parameters"]):
-            if name in now and now[name] != value:
-                found[name] = value, now[name]
-    return found
+        if text is not None:
+            then |= leaves(json.loads(text)["parameters"])
+    return {name: (value, now[name]) for name, value in then.items() if name in now and now[name] != value}
+
+
+def _document(root: Path) -> dict[str, Any]:
+    """Returns what `params.yaml` says now, with all layers."""
+    where = root / "params.yaml"
+    return copy.deepcopy(resolve_document(load_document(where), str(where), presets_root(root)).document)
 
 
 def another_run(root: Path) -> str | None:
-    """Returns a sentence that says that the results in `root` are another run's, None where nothing says so."""
-    try:
-        changed = changed_parameters(root)
-    except ParamsError as error:
-        return f"expected to compare these results with params.yaml, found that it cannot be read: {error}"
+    """Returns a sentence that says that the results in `root` are another run's, None where nothing says so.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read.
+    """
+    changed = changed_parameters(root)
     if not changed:
         return None
     # What names a run comes first.
@@ -68,7 +90,11 @@ def another_run(root: Path) -> str | None:
 
 
 def warn_of_another_run(root: Path) -> None:
-    """Prints a warning on standard error where the results in `root` are not those of its params.yaml."""
+    """Prints a warning on standard error where the results in `root` are not those of its params.yaml.
+
+    Raises:
+        ParamsError: `params.yaml` or a lock cannot be read.
+    """
     # Without a lock, as in what `porse demo` leaves, nothing says what the run was of.
     if (root / "dvc.lock").is_file() and (warning := another_run(root)):
         print_line("warning: ", str(warning), hang=0, err=True)
@@ -89,12 +115,12 @@ def _committed_inputs(root: Path) -> dict[str, bytes]:
 
 
 def _inputs_of_run(root: Path) -> Iterator[tuple[str, str]]:
-    """Yields path and MD5 of the inputs of each stage that ran, but for the one that writes them."""
-    for path in lock_files(root):
-        if not path.is_file():
-            continue
-        document = read_yaml(path)
-        for stage in ((document or {}).get("stages") or {}).values():
+    """Yields path and MD5 of the inputs of each stage that ran; of those that left the results last.
+
+    A run that was stopped on its way has results of the run before it.
+    """
+    for path in reversed(lock_files(root)):
+        for stage in lock_entries(path).values():
             for dep in stage.get("deps") or []:
                 name = PurePosixPath(dep["path"])
                 if name.parent.name == "inputs":

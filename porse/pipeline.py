@@ -5,22 +5,49 @@ square of their number.
 """
 
 import shutil
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
 from porse.config import Params
-from porse.documents import read_yaml
+from porse.documents import parse_yaml, read_yaml, render_yaml
 from porse.errors import ParamsError
 from porse.prompts import render
 from porse.task_names import is_own, own_place
 
 FOLDER = "iterations"
 
+RUN = "run"
+"""The folder of the outputs of all iterations."""
+
 
 def lock_files(root: Path) -> list[Path]:
     """Returns the paths of a run's locks: that at its root, which need not be there, and those of its iterations in their order."""
     inside = (root / FOLDER).glob("*/dvc.lock")
     return [root / "dvc.lock", *sorted(inside, key=lambda path: (len(path.parent.name), path.parent.name))]
+
+
+def lock_entries(lock: Path) -> dict[str, Any]:
+    """Returns the entries of a lock by the names of their stages; none where there is no lock.
+
+    Raises:
+        ParamsError: it is no lock as DVC writes it.
+    """
+    document = read_yaml(lock) if lock.is_file() else None
+    if document is None:
+        return {}
+    try:
+        entries: dict[str, Any] = document["stages"]
+        files = [file for entry in entries.values() for kind in ("deps", "outs") for file in entry.get(kind) or []]
+        fine = all(isinstance(file["path"], str) and isinstance(file["md5"], str) for file in files)
+    except (KeyError, TypeError, AttributeError):
+        fine = False
+    if not fine:
+        raise ParamsError(
+            f"expected in {lock} the entries of stages with the paths and hashes of their files, as DVC writes a lock, found "
+            "something else; run `porse repro`, which mends it"
+        )
+    return entries
 
 
 def pipeline_files(root: Path, params: Params) -> dict[Path, str]:
@@ -45,13 +72,28 @@ def pipeline_files(root: Path, params: Params) -> dict[Path, str]:
 
 
 def write_pipeline(root: Path, params: Params) -> list[str]:
-    """Writes what differs, removes the folders of iterations that are no more, and returns what it did, in lines.
+    """Writes what differs, removes iterations, stages and outputs that are no more, and returns what it did, in lines.
+
+    DVC keeps the entry of a stage in its lock, and its output, after the stage has left `dvc.yaml`. The lock of a run would
+    then name outputs that are not the run's, and `run`, which the last stages depend on, would hold them. What remains of a
+    lock stays byte for byte. A lock that cannot be read stays as it is.
 
     Raises:
         PorseError: the template in `iterations/` is missing or wrong.
     """
     did = []
-    for path, text in pipeline_files(root, params).items():
+    files = pipeline_files(root, params)
+    stages = {path: parse_yaml(text, str(path))["stages"] for path, text in files.items()}
+    made = {out for own in stages.values() for stage in own.values() for out in stage["outs"]}
+    for lock in lock_files(root)[1:]:
+        entries = _entries(lock)
+        outs = sorted({out["path"] for entry in entries.values() for out in entry.get("outs") or []} - made)
+        did += [f"{out}: removed, no stage makes it any more" for out in outs if _remove_output(root, out)]
+        gone = [name for name in entries if name not in stages.get(lock.with_name("dvc.yaml"), entries)]
+        if gone:
+            _remove_entries(lock, gone)
+            did.append(f"{lock.relative_to(root)}: {', '.join(gone)} removed")
+    for path, text in files.items():
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
@@ -93,6 +135,31 @@ def check_dependency(root: Path, task: str) -> None:
             f"expected the stage resolve in dvc.yaml to depend on {place}, where task {task} is, found no such line "
             f"among its deps; add `- {place}` there, so that a change of the task is noticed"
         )
+
+
+def _entries(lock: Path) -> dict[str, Any]:
+    """Returns the entries of a lock; none where a kill or a merge has left something else."""
+    try:
+        return lock_entries(lock)
+    except ParamsError:
+        return {}
+
+
+def _remove_entries(lock: Path, gone: Container[str]) -> None:
+    document = read_yaml(lock)
+    document["stages"] = {name: entry for name, entry in document["stages"].items() if name not in gone}
+    partial = lock.with_name(f"{lock.name}.partial")
+    partial.write_text(render_yaml(document), encoding="utf-8")
+    partial.replace(lock)
+
+
+def _remove_output(root: Path, out: str) -> bool:
+    """Removes an output of a stage from the workspace, and returns whether it was there. DVC's cache keeps it."""
+    path = root / out
+    if not path.is_dir() or not path.resolve().is_relative_to((root / RUN).resolve()):
+        return False
+    shutil.rmtree(path)
+    return True
 
 
 def _left_over(root: Path, params: Params) -> list[Path]:

@@ -26,17 +26,27 @@ from porse.training.executor import executor_from_environment, uses_ray
 from porse.training.memory import check_memory
 from porse.warm.start import warm_server
 
+_QUIET_DVC = Path(__file__).with_name("quiet_dvc.py")
+"""Run by its path: a project may bring a package of another version along."""
+
+_WRONG_ARGUMENTS = 254
+"""DVC's exit code for them."""
+
 
 def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], progress: str = "") -> int:
-    """Mends what a killed run may have left, runs `dvc repro` in a process that ends with this one, and returns its code.
+    """Mends what a killed run may have left, runs `dvc repro` in a process that ends with this one, and returns an exit code.
 
     Stages are forked from a warm server while it runs.
 
     Args:
         root: the project's root.
-        arguments: what `dvc repro` gets; without any, DVC says what goes wrong alone, and each stage its line.
+        arguments: what `dvc repro` gets; without any, DVC says its own errors alone, and each stage its line.
         say: told one line for everything that was mended or written.
         progress: how stages show theirs (`porse.training.bar`); empty: as PORSE_PROGRESS says.
+
+    Returns:
+        0 where all is done, 1 where something failed, 2 where DVC does not take the arguments, and 128 more than the number of
+        the signal that ended the run, as a shell says it: 130 for Ctrl-C.
 
     Raises:
         PorseError: there is no pipeline in `root`, its parameters or an environment variable are wrong, or memory is too small.
@@ -52,11 +62,12 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
         )
     params = load_params(root / "params.yaml", root)
     check_start(params)
-    for line in [*write_pipeline(root, params), *repair(root)]:
+    # In this order: a copy of a lock that takes the place of a damaged one may name stages that are no more.
+    for line in [*repair(root), *write_pipeline(root, params)]:
         say(line)
     # What DVC says between the stages is neither progress nor JSON. Who gives it arguments wants to read what it says of them.
-    quiet = ["--quiet"] if progress or not arguments else []
-    command = [sys.executable, "-m", "dvc", "repro", *quiet, *arguments]
+    run_dvc = ["-P", str(_QUIET_DVC)] if progress or not arguments else ["-m", "dvc"]
+    command = [sys.executable, *run_dvc, "repro", *arguments]
     end_with_this = functools.partial(die_with_parent, os.getpid())
     with ExitStack() as kept:
         found = kept.enter_context(warm_server(params.numerics))
@@ -83,11 +94,17 @@ def reproduce(root: Path, arguments: Sequence[str], say: Callable[[str], None], 
         signal.signal(signal.SIGINT, note)
         signal.signal(signal.SIGTERM, hand_on)
         code = process.wait()
-    if interrupted and code:
+    if not code:
+        return 0
+    if interrupted:
         say(f"stopped by Ctrl-C: {HOW_ON}")
-    elif code and quiet:
-        say("stopped: if no stage says why above, DVC does; `dvc repro --dry` prints its reason and runs nothing")
-    return code
+        return 128 + signal.SIGINT
+    if code < 0:
+        return 128 - code
+    if code == _WRONG_ARGUMENTS:
+        return 2
+    say("stopped by the error above: correct it, and run `porse repro` again, and it goes on from there")
+    return 1
 
 
 def check_start(params: Params) -> None:

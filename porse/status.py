@@ -14,10 +14,9 @@ from typing import Any
 import click
 
 from porse.config import load_document, parse_params
-from porse.documents import read_yaml
 from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
-from porse.pipeline import lock_files
+from porse.pipeline import lock_entries, lock_files
 from porse.plan import EVALUATE, Planned, planned
 from porse.printing import echo
 from porse.repair import at_work
@@ -108,13 +107,11 @@ def status_text(found: Status) -> str:
 
 
 def _locks(root: Path) -> dict[str, Mapping[str, Any]]:
-    """Returns what the locks say of each stage, by the name that `dvc repro` takes."""
+    """Returns the entries of the locks, by the name of a stage that `dvc repro` takes."""
     found: dict[str, Mapping[str, Any]] = {}
     for path in lock_files(root):
-        if path.is_file():
-            folder = "" if path.parent == root else f"{path.parent.relative_to(root).as_posix()}/dvc.yaml:"
-            stages = (read_yaml(path) or {}).get("stages") or {}
-            found |= {f"{folder}{name}": stage for name, stage in stages.items()}
+        folder = "" if path.parent == root else f"{path.parent.relative_to(root).as_posix()}/dvc.yaml:"
+        found |= {f"{folder}{name}": entry for name, entry in lock_entries(path).items()}
     return found
 
 

@@ -1,8 +1,10 @@
 """A row that is missing from a table of a finished run is noticed, whichever it is."""
 
+import hashlib
 import shutil
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 import kills
@@ -12,7 +14,10 @@ from porse.cli import main
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
+from porse.inputs.resolve import resolve_inputs
+from porse.outdated import changed_parameters
 from porse.report.results import read_results
+from tiny import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +59,55 @@ def test_a_missing_row_is_noticed_whichever_it_is(table, copied):
         tables.write(path, table, [row for row in rows if row is not lost])
         with pytest.raises(PorseError, match=r"agree with each other|among the candidates|expected an iteration"):
             read_results(copied)
+
+
+def leave_inputs(folder, names, where):
+    """Leaves the inputs that stages of the run in `folder` read, and a lock in `where` that names them, as DVC does."""
+    deps = []
+    for name in names:
+        text = resolve_inputs(ROOT, yaml.safe_load((folder / "params.yaml").read_text()), "a test")[name].render()
+        digest = hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
+        cached = folder / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        cached.write_text(text)
+        deps.append({"path": f"inputs/{name}.json", "md5": digest})
+    where.mkdir(parents=True, exist_ok=True)
+    (where / "dvc.lock").write_text(yaml.safe_dump({"stages": {"a": {"cmd": "", "deps": deps}}}))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"evaluate": {"episodes": 9, "seeds": 2}},
+        {"rungs": [{"rung": "only", "pool": "validate-code", "until": 1, "keep": 1}]},
+        {"task": "Over", "method": "human", "train": {"rung_epochs": 7}},
+    ],
+    ids=lambda change: "-".join(change),
+)
+def test_results_are_read_with_what_the_run_was_made_with_and_a_warning(copied, change):
+    then = read_results(copied)
+    leave_inputs(copied, ("train-population", "evaluate", "summarise"), copied)
+    original = yaml.safe_load((copied / "params.yaml").read_text())
+    changed = {key: {**original[key], **value} if isinstance(value, dict) else value for key, value in change.items()}
+    (copied / "params.yaml").write_text(yaml.safe_dump({**original, **changed}))
+    now = read_results(copied)
+    assert (now.figures, now.params.task) == (then.figures, "Quadcopter")
+    assert (now.params.evaluate, now.params.rungs) == (then.params.evaluate, then.params.rungs)
+    done = CliRunner().invoke(main, ["results", str(copied)], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "warning: these results are another run's" in done.stderr
+    assert ("Over" in done.stderr) is ("task" in change)
+
+
+def test_a_run_that_was_stopped_on_its_way_has_the_results_of_the_one_before(copied):
+    original = (copied / "params.yaml").read_text()
+    leave_inputs(copied, ("evaluate", "summarise"), copied)
+    (copied / "params.yaml").write_text(original.replace("seed: ", "seed: 1", 1))
+    # Of the new run, an iteration has been computed.
+    leave_inputs(copied, ("generate", "train-population"), copied / "iterations" / "1")
+    seed = yaml.safe_load(original)["seed"]
+    assert read_results(copied).params.seed == seed
+    assert changed_parameters(copied) == {"seed": (seed, int(f"1{seed}"))}
 
 
 def test_a_row_of_another_run_is_noticed(copied):

@@ -6,11 +6,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from porse import doctor, numerics
 from porse.cli import main
 from porse.doctor import Finding, findings_text
+from tiny import committed_params
 
 
 @pytest.fixture
@@ -123,12 +125,29 @@ def test_without_git_on_the_path_that_is_a_problem(tmp_path, monkeypatch):
 
 
 def test_an_edited_reply_is_a_problem_and_an_empty_cache_a_warning(project):
-    assert doctor.replies(project / "llm_cache").state == "ok"
+    assert doctor.replies(project / "llm_cache", True).state == "ok"
     # The last one: all committed replies are read.
     record = max((project / "llm_cache").glob("??/*.json"))
     record.write_text(record.read_text().replace('"', "'", 1))
-    assert doctor.replies(project / "llm_cache").state == "problem"
-    assert doctor.replies(project / "none").state == "warning"
+    assert doctor.replies(project / "llm_cache", True).state == "problem"
+    assert doctor.replies(project / "none", True).state == "warning"
+
+
+@pytest.mark.parametrize(
+    ("changed", "state"),
+    [
+        ({}, "warning"),
+        ({"generator": "grammar"}, "ok"),
+        ({"method": "human"}, "ok"),
+        ({"llm": {**committed_params()["llm"], "on_miss": "grammar"}}, "ok"),
+    ],
+    ids=["model", "grammar", "human", "on-miss"],
+)
+def test_an_empty_cache_is_a_warning_only_where_a_run_needs_replies(project, changed, state):
+    shutil.rmtree(project / "llm_cache")
+    (project / "params.yaml").write_text(yaml.safe_dump({**committed_params(), **changed}))
+    (found,) = [finding for finding in doctor._project(project) if finding.check == "reply cache"]
+    assert found.state == state
 
 
 def test_a_large_cache_is_read_in_part(project, monkeypatch):
@@ -136,7 +155,9 @@ def test_a_large_cache_is_read_in_part(project, monkeypatch):
     keys = len(list((project / "llm_cache").glob("??/*.json")))
     # Every ceil(keys / 10)-th of them, the first included.
     step = -(-keys // 10)
-    assert f"{keys} recorded replies, {-(-keys // step)} of them read" in doctor.replies(project / "llm_cache").found
+    assert (
+        f"{keys} recorded replies, {-(-keys // step)} of them read" in doctor.replies(project / "llm_cache", True).found
+    )
 
 
 def test_what_stands_in_the_way_of_a_folder_is_a_problem(project):
@@ -148,7 +169,7 @@ def test_what_stands_in_the_way_of_a_folder_is_a_problem(project):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_read_only_cache_replays_and_says_that_it_cannot_record(project):
     (project / "llm_cache").chmod(0o500)
-    assert doctor.replies(project / "llm_cache").state == "warning"
+    assert doctor.replies(project / "llm_cache", True).state == "warning"
     (project / "run").mkdir(mode=0o500)
     assert doctor.permissions(project).state == "problem"
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -17,6 +18,8 @@ from packaging.utils import canonicalize_name
 from porse.cli import main
 from porse.config import load_params
 from porse.documents import read_yaml
+from porse.errors import PorseError
+from porse.init import make_project
 from porse.inputs.files import changed_files
 from porse.inputs.resolve import resolve_inputs
 from porse.pipeline import check_dependency, check_pipeline
@@ -53,6 +56,54 @@ def test_a_folder_with_something_in_it_is_left_alone(mine, tmp_path):
     assert done.exit_code == 1
     assert f"expected an empty folder, or none, at {tmp_path}, found something in it; name another" in done.output
     assert [path.name for path in tmp_path.iterdir()] == ["note"]
+
+
+@pytest.fixture
+def edited(root, tmp_path, monkeypatch):
+    """The files of this project, to edit them, as a checkout has them."""
+    for name in (root / "porse" / "starter" / "files.txt").read_text().split():
+        target = tmp_path / "checkout" / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if (root / name).is_dir() else shutil.copy)(root / name, target)
+    monkeypatch.setattr("porse.init._CARRIED", tmp_path / "checkout")
+    return tmp_path / "checkout"
+
+
+def test_a_checkout_that_was_edited_starts_a_project_that_differs_by_the_edits(mine, edited, tmp_path):
+    for name, before, after in (
+        ("params.yaml", "task: Quadcopter\n", "task: Over   # for a while\n"),
+        ("params.yaml", "generator: model\n", "generator: files\n"),
+        ("params.yaml", "seed: 1\n", "seed: 7\n"),
+        ("dvc.yaml", "      - porse\n", "      - others_tasks\n      - porse\n"),
+    ):
+        text = (edited / name).read_text()
+        assert text.count(before) == 1
+        (edited / name).write_text(text.replace(before, after))
+    # An empty folder is as good as none.
+    (tmp_path / "new").mkdir()
+    make_project(tmp_path / "new")
+    assert (tmp_path / "new" / "dvc.yaml").read_text() == (mine / "dvc.yaml").read_text()
+    expected = (mine / "params.yaml").read_text().replace("seed: 1\n", "seed: 7\n").splitlines()
+    text = (tmp_path / "new" / "params.yaml").read_text().splitlines()
+    assert [line for line in text if line not in expected] == ["task: my_tasks.cart:CartPole # for a while"]
+    assert len(text) == len(expected)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["checkout", "new"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("params.yaml", "task: [", "expected YAML in {}/params.yaml"),
+        ("params.yaml", "- 1\n", "expected the sections and keys of this project's file in {}/params.yaml"),
+        ("params.yaml", "size: cpu\n", r"{}/params.yaml"),
+        ("dvc.yaml", "stages: {}\n", "expected the sections and keys of this project's file in {}/dvc.yaml"),
+    ],
+)
+def test_a_checkout_that_is_damaged_is_named_and_nothing_is_left_behind(edited, tmp_path, name, text, message):
+    (edited / name).write_text(text)
+    with pytest.raises(PorseError, match=re.escape(message.format(edited))):
+        make_project(tmp_path / "new")
+    assert [path.name for path in tmp_path.iterdir()] == ["checkout"]
 
 
 def test_stages_depend_on_the_installed_package_under_the_names_of_a_checkout(mine, root):

@@ -1,5 +1,6 @@
 """What a stage depends on: the parameters that it reads, the files that it runs, and that both stay as they were."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -387,6 +388,58 @@ def test_the_pipeline_follows_the_parameters(tmp_path):
     (tmp_path / "iterations" / "2" / "dvc.yaml").write_text("stages: {}\n")
     with pytest.raises(ParamsError, match=r"expected iterations/2/dvc\.yaml"):
         check_pipeline(tmp_path, params)
+
+
+def test_what_is_no_more_leaves_the_lock_and_the_workspace_and_the_rest_stays_byte_for_byte(tmp_path):
+    params = load_params(ROOT / "params.yaml", ROOT)
+    shutil.copytree(ROOT / "iterations", tmp_path / "iterations")
+    locks = [tmp_path / "iterations" / str(n) / "dvc.lock" for n in range(1, 6)]
+    texts = [lock.read_text() for lock in locks]
+    # As DVC left them: the train-population and eliminate of each rung, one entry after the other.
+    kept = [re.sub(r"(?m)^  (train-population|eliminate)-2:\n(    .*\n)+", "", text) for text in texts]
+    assert all(text.count("\n") > short.count("\n") > 100 for text, short in zip(texts, kept, strict=True))
+    outs = ["1/train-2", "1/train-3", "1/start", "4/eliminate-2", "5/start", "5/mutate", "result/start", "notes"]
+    for out in outs:
+        (tmp_path / "run" / out).mkdir(parents=True)
+    entries = [
+        dataclasses.replace(entry, next=entry.next if entry.n < 4 else "result") for entry in params.iterations[:4]
+    ]
+    rungs = [rung for rung in params.rungs if rung.rung != 2]
+    shorter = dataclasses.replace(params, iterations=entries, rungs=rungs)
+    # Iteration 5 is gone, too, and iteration 4 no longer makes its start.
+    assert write_pipeline(tmp_path, shorter) == [
+        "run/1/train-2: removed, no stage makes it any more",
+        "iterations/1/dvc.lock: train-population-2, eliminate-2 removed",
+        "iterations/2/dvc.lock: train-population-2, eliminate-2 removed",
+        "iterations/3/dvc.lock: train-population-2, eliminate-2 removed",
+        "run/4/eliminate-2: removed, no stage makes it any more",
+        "run/5/start: removed, no stage makes it any more",
+        "iterations/4/dvc.lock: train-population-2, eliminate-2 removed",
+        "run/5/mutate: removed, no stage makes it any more",
+        *(f"iterations/{n}/dvc.yaml: written" for n in range(1, 5)),
+        "iterations/5: removed",
+    ]
+    assert [lock.read_text() for lock in locks[:4]] == kept[:4]
+    assert [out for out in outs if (tmp_path / "run" / out).exists()] == [
+        "1/train-3",
+        "1/start",
+        "result/start",
+        "notes",
+    ]
+    assert write_pipeline(tmp_path, shorter) == []
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]\n", "stages:\n  fuse: 1\n", "stages: {fuse: {outs: [{path: ../out}]}}\n", "<<<<<<< \n"]
+)
+def test_a_lock_that_is_none_and_what_lies_elsewhere_stay_as_they_are(tmp_path, params, text):
+    project = tmp_path / "project"
+    shutil.copytree(ROOT / "iterations", project / "iterations")
+    (tmp_path / "out").mkdir()
+    lock = project / "iterations" / "1" / "dvc.lock"
+    lock.write_text(text)
+    assert write_pipeline(project, params) == []
+    assert (lock.read_text(), (tmp_path / "out").is_dir()) == (text, True)
 
 
 def test_params_prints_what_a_stage_reads_and_where_it_comes_from(project):

@@ -54,7 +54,7 @@ from porse.published.replay import drawn, names_of, replay
 from porse.published.shapes import policy_shapes
 from porse.training.start import random_policy
 from test_pipeline import Endpoint, git, tiny_params
-from tiny import BIN, QUIET, ROOT, committed_params, dvc, make_project
+from tiny import BIN, QUIET, ROOT, committed_params, dvc, make_project, run
 from warm_stages import warm_stages
 
 
@@ -245,6 +245,26 @@ def test_what_a_suite_keeps_of_an_entry_is_published_with_the_rest_from_dvcs_cac
     assert {name for name in own if own[name] != other[name]} == {"card.md"}
 
 
+def test_a_run_whose_rungs_have_changed_is_published_after_the_next_repro(project, warm, tmp_path, monkeypatch):
+    changed = tmp_path / "project"
+    shutil.copytree(project, changed, symlinks=True)
+    for name, value in QUIET.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(changed)
+    params = yaml.safe_load(Path("params.yaml").read_text())
+    params["rungs"][-1]["rung"], params["fuse"]["pool"] = "last", "eliminate-last"
+    Path("params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
+    environment = {"PORSE_LLM_MODE": "frozen", "PORSE_PYTHON": str(warm / "bin" / "python")}
+    run(changed, BIN / "porse", "pipeline")
+    dvc(changed, "repro", **environment)
+    monkeypatch.setattr(publishing, "winner_film", lambda params, folder: publishing.no_film("none was drawn."))
+    publishing.publish(Path(), "again", Path(), "", None, False, lambda line: None)
+    names = [stage.name for stage in read_locks(Path("published/again"))]
+    assert ("1/eliminate-last" in names, "1/eliminate-2" in names) == (True, False)
+    # What the last stages depend on is what a fresh clone would have.
+    assert not Path("run/1/eliminate-2").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -276,6 +296,22 @@ def test_a_run_that_was_changed_or_never_was_is_not_published(inside, tmp_path):
     finally:
         preset.write_text(original)
     assert [path.name for path in published_folders(Path())] == ["tiny"]
+
+
+def test_a_run_that_was_stopped_on_its_way_is_not_published(inside):
+    lock = Path("iterations/1/dvc.lock")
+    original = lock.read_text()
+    md5 = {stage.name: stage for stage in read_locks(Path())}["1/train-population-2"].outs["run/1/train-2"]
+    try:
+        # As after a new training, before the elimination behind it.
+        lock.write_text(original.replace(md5, f"{'0' * 32}.dir", 1))
+        done = porse("publish", ".", "b")
+    finally:
+        lock.write_text(original)
+    assert (done.exit_code, "the stage 1/eliminate-2 has not run since run/1/train-2 changed" in done.output) == (
+        1,
+        True,
+    )
 
 
 def test_what_does_not_fit_into_git_is_left_out_the_winner_last(inside, tmp_path, monkeypatch):
@@ -474,15 +510,20 @@ def test_a_reply_that_the_tables_name_and_that_is_not_there_is_refused(tiny_run,
     assert f"{path.name}: expected a record that the tables name, found none" in refusal(tiny_run, project)
 
 
-def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project, tmp_path):
+@pytest.mark.parametrize("name", ["params.yaml", "inputs/summarise.json"])
+def test_a_task_of_somebodys_own_is_not_imported_without_trust(tiny_run, project, tmp_path, name):
     """A module of that name lies where it would be found."""
     stolen = tmp_path / "stolen"
     module = project / "hostile_task.py"
     module.write_text(f"open({str(stolen)!r}, 'w')\nclass Task: EPISODE_LENGTH = NUM_OBSERVATIONS = NUM_ACTIONS = 1\n")
     try:
-        path = tiny_run / "params.yaml"
-        path.write_text(path.read_text().replace("task: Quadcopter", "task: hostile_task:Task"))
-        assert "found 'hostile_task:Task', which is its author's code" in refusal(tiny_run, project)
+        path, lock = tiny_run / name, tiny_run / "dvc.lock"
+        md5 = digest(path)
+        path.write_text(re.sub(r'(task"?: "?)Quadcopter', r"\1hostile_task:Task", path.read_text()))
+        lock.write_text(lock.read_text().replace(md5, digest(path)))
+        found = refusal(tiny_run, project)
+        assert ("found 'hostile_task:Task', which is its author's code" in found) is (name == "params.yaml")
+        assert ("inputs, found another one" in found) is (name != "params.yaml")
     finally:
         module.unlink()
     assert not stolen.exists()

@@ -20,7 +20,7 @@ from porse.paths import at_root, check_target, project_root
 from porse.repro import reproduce
 from porse.training import memory
 from porse.training.memory import check_memory, training_mib
-from tiny import BIN, committed_params, make_project, run
+from tiny import BIN, ROOT, committed_params, make_project, run
 
 
 def porse(*words):
@@ -334,6 +334,33 @@ def test_folders_that_are_not_there_are_refused(root, tmp_path, monkeypatch):
     assert f"Expected texts named <key>.md or <key>.txt in the directory {tmp_path / 'answers'}" in done.output
 
 
+@pytest.mark.parametrize(
+    "text", ["- a\n", "a\n", "stages: 3\n", "stages: {begin: 3}\n", "stages: {begin: {deps: [run]}}\n"]
+)
+def test_a_lock_that_is_no_lock_ends_in_a_sentence(root, tmp_path, monkeypatch, text):
+    for name in (
+        "porse",
+        "stages",
+        "prompts",
+        "presets",
+        "functions",
+        "params.yaml",
+        "dvc.yaml",
+        "requirements.lock",
+        "llm_cache",
+    ):
+        (tmp_path / name).symlink_to(root / name)
+    (tmp_path / "iterations" / "1").mkdir(parents=True)
+    (tmp_path / "dvc.lock").touch()
+    (tmp_path / "iterations" / "1" / "dvc.lock").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    for command in ("status", "results", "trends"):
+        done = porse(command)
+        assert done.exit_code == 1
+        assert "expected in iterations/1/dvc.lock the entries of stages with the paths and hashes" in done.output
+        assert "; run `porse repro`, which mends it" in done.output
+
+
 def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path):
     clone = tmp_path / "clone"
     clone.mkdir()
@@ -365,6 +392,45 @@ def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path
     done = run(clone, str(BIN / "porse"), "results", check=False, PYTHONPATH=str(clone))
     assert 'these results are another run\'s: expected task: "Over"' in done.stderr
     assert 'found results of task: "Quadcopter"' in done.stderr
+
+
+FAILS = "stages:\n  one:\n    cmd: echo Error, said the stage >&2 && exit 3\n"
+STOPPED = "stopped by the error above: correct it, and run `porse repro` again, and it goes on from there\n"
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "said"),
+    [
+        # What a stage says is enough.
+        (FAILS, "Error, said the stage\n"),
+        (
+            "stages: {one: {cmd: echo, deps: [gone]}}",
+            "ERROR: failed to reproduce 'one': dependency 'gone' does not exist\n",
+        ),
+        (
+            "stages: {one: {cmd: echo, dep: []}}",
+            "'./dvc.yaml' validation failed.\n\nextra keys not allowed, in stages -> one -> dep, line 1, column 32\n"
+            "  1 stages: {one: {cmd: echo, dep: []}}",
+        ),
+    ],
+    ids=["stage", "dependency", "schema"],
+)
+def test_the_error_of_a_stage_or_of_dvc_is_all_that_repro_prints(tmp_path, pipeline, said):
+    project = make_project(tmp_path / "project", committed_params(), BIN.parent)
+    (project / "dvc.yaml").write_text(pipeline)
+    done = run(project, str(BIN / "porse"), "repro", check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    own, _, rest = done.stderr.partition(STOPPED)
+    # Of a place in a file, DVC fills the line.
+    assert (own.rstrip(" \n"), rest) == (said.rstrip("\n"), "")
+
+
+def test_help_of_repro_is_its_own_and_a_wrong_option_is_dvcs():
+    done = run(ROOT, str(BIN / "porse"), "repro", "--help")
+    assert done.stdout.startswith("Usage: porse repro [OPTIONS] [ARGUMENTS]...")
+    assert "ARGUMENTS go to `dvc repro`" in done.stdout
+    done = run(ROOT, str(BIN / "porse"), "repro", "--no-such-option", check=False)
+    assert (done.returncode, "unrecognized arguments: --no-such-option" in done.stderr) == (2, True)
 
 
 def test_small_numbers_of_dvc_exp_run_are_read_as_numbers(tmp_path, root):

@@ -14,7 +14,7 @@ from porse.repro import check_start, reproduce
 
 
 @click.command("pipeline")
-@click.option("--check", is_flag=True, help="Write nothing; fail if something would be written.")
+@click.option("--check", is_flag=True, help="Write nothing; fail if a dvc.yaml is out of date.")
 def pipeline(check: bool) -> None:
     """Write the dvc.yaml of each iteration from iterations, rungs, mutate.pool and fuse.pool of params.yaml."""
     params = load_params(Path("params.yaml"))
@@ -25,23 +25,30 @@ def pipeline(check: bool) -> None:
         echo(line)
 
 
-@click.command("repro", context_settings={"ignore_unknown_options": True, "help_option_names": []})
+@click.command("repro", context_settings={"ignore_unknown_options": True})
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 @click.option("--quiet", "progress", flag_value="quiet", help="Print failures only.")
 @click.option("--json", "progress", flag_value="json", help="Print progress as JSON, an object a line.")
 def repro(arguments: tuple[str, ...], progress: str | None) -> None:
-    """Repair what a killed run may have left, then run `dvc repro` with the ARGUMENTS.
+    """Run the pipeline: every stage whose inputs have changed since it ran. A stopped run goes on where it was.
 
-    Without ARGUMENTS, each stage prints a line, or shows its bars on a terminal; the last line is that of `porse status`. With
-    ARGUMENTS, DVC prints its own output, too.
-    """
+    First it writes what `porse pipeline` writes, and repairs what a killed run may have left. Each stage prints a line, or shows
+    its bars on a terminal; the last lines are those of `porse status`.
+
+    ARGUMENTS go to `dvc repro`, which then prints its own output, too; `dvc repro --help` lists them. Targets count from the
+    project's root.
+
+    \b
+    Examples:
+      porse repro
+      porse repro --force iterations/1/dvc.yaml:fuse
+    """  # noqa: D301, click wants the sign itself
     code = reproduce(Path(), arguments, lambda line: echo(line, err=True), progress or "")
     if code == 0 and not progress and not arguments:
         from porse.status import status_of, status_text
 
         echo(status_text(status_of(Path())))
-    # As a shell says it: a process that a signal ended has no code of its own.
-    sys.exit(code if code >= 0 else 128 - code)
+    sys.exit(code)
 
 
 @click.command("run")

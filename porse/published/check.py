@@ -129,6 +129,9 @@ def check_all(folder: Path, trust: bool, at: Callable[[str], None]) -> None:
         tables.read(path, tables.TABLES[path.stem])
     at("results")
     results = read_results(folder)
+    if results.params.task != params.task:
+        # Whose code may run is decided by params.yaml, and the results are read with the parameters of the inputs.
+        raise refused(str(folder / "inputs"), "the task of params.yaml", "another one")
     for path in sorted(folder.glob("run/*/start/*.parquet")):
         at(path.relative_to(folder).as_posix())
         if path.stem not in _START_TABLES:

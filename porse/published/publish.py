@@ -17,7 +17,7 @@ from porse.inputs.files import changed_files
 from porse.inputs.resolve import Inputs
 from porse.llm.record import Record
 from porse.llm.store import REFRESHED, Store
-from porse.pipeline import lock_files
+from porse.pipeline import RUN, lock_files
 from porse.pool import BEST, policy_file
 from porse.presets import SIZES, preset_file
 from porse.presets.own import sizes_of
@@ -127,6 +127,7 @@ def publish(
     _check_name(name, target, replaces)
     source = _source(run, root)
     _check_unchanged(source)
+    _check_finished(source)
     partial = target.with_name(f"{name}.partial")
     if partial.exists():
         shutil.rmtree(partial)
@@ -199,6 +200,21 @@ def _check_unchanged(source: Source) -> None:
                     f"expected the parameters that the run in {source.folder} was made with, found {name}: {now[name]!r} in place of "
                     f"{value!r}: the preset, or a set of a method, has changed since; run `porse repro`, or take the change back"
                 )
+
+
+def _check_finished(source: Source) -> None:
+    """Checks that each stage read what the stages before it left: a run that was stopped on its way has entries of two runs."""
+    made: dict[str, str] = {}
+    for stage in source.stages:
+        # What `resolve` reads nobody makes, and the folder `run` is made by all stages together.
+        read = {path: md5 for path, md5 in stage.deps.items() if stage.name != RESOLVE and path != RUN}
+        old = next((path for path, md5 in read.items() if made.get(path) != md5), None)
+        if old is not None:
+            raise PorseError(
+                f"expected a finished run in {source.folder}, found by its locks that the stage {stage.name} has not run since "
+                f"{old} changed; run `porse repro`, which finishes it"
+            )
+        made |= stage.outs
 
 
 def _gone(source: Source, path: str) -> PorseError:

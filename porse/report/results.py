@@ -1,4 +1,4 @@
-"""A finished run as its folder shows it to everybody: params.yaml and results/, and no folder of a stage.
+"""A finished run as its folder shows it to everybody: parameters and results/, and no folder of a stage.
 
 `metrics.json` is for DVC and is not read: all that it says follows from the tables.
 """
@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from porse import tables
-from porse.config import Params, load_params, presets_root
+from porse.config import Params
 from porse.errors import PorseError
+from porse.outdated import params_of_run
 from porse.pool import BEST, policy_file
 from porse.report.agreement import check_agreement
 from porse.report.figures import curve_figures, run_figures
@@ -25,7 +26,7 @@ class Results:
     """A finished run.
 
     Attributes:
-        params: its parameters.
+        params: what it was made with, whatever params.yaml says by now.
         run: the rows of its tables.
         iterations: rows of its iterations table.
         evaluation: how the lineage of winners did with further seeds, and in whole episodes.
@@ -91,7 +92,7 @@ def read_winner(folder: Path) -> Row:
 
 def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Evaluation]:
     """Returns parameters, rows of iterations, of candidates and of incumbents, and the evaluation."""
-    params = load_params(folder / "params.yaml", presets_root(folder))
+    params = params_of_run(folder)
     iterations, candidates = _rows(folder, tables.ITERATIONS), _rows(folder, tables.CANDIDATES)
     if not iterations:
         raise PorseError(

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from porse import tables
-from porse.config import Params, load_params, presets_root
+from porse.config import Params
+from porse.outdated import params_of_run
 from porse.report.agreement import check_epochs
 from porse.report.figures import mean_and_deviation
 from porse.search.schedule import DRAW, is_searched, mutants, varied
@@ -21,7 +22,7 @@ class Finished:
     """One finished run.
 
     Attributes:
-        params: its parameters.
+        params: what it was made with.
         variant: names what its parameters differ in beside task, method, ablation and seed; empty for nothing.
         iterations: rows of its iterations table.
         curves: rows of its curves table.
@@ -34,14 +35,14 @@ class Finished:
 
 
 def read_finished(folder: Path, variant: str = "") -> Finished:
-    """Returns the run whose `params.yaml` and `results/` are in `folder`.
+    """Returns the finished run in `folder`.
 
     Raises:
         ParamsError: there are no parameters, or they are wrong.
         TableError: a table is missing or is not as declared, or the two do not agree.
     """
     results = folder / "results"
-    params = load_params(folder / "params.yaml", presets_root(folder))
+    params = params_of_run(folder)
     iterations = tables.read(results / "iterations.parquet", tables.ITERATIONS)
     curves = tables.read(results / "curves.parquet", tables.CURVES)
     check_epochs(iterations, curves, str(results))

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from porse.config import ROOT, load_params, presets_root
+from porse.config import ROOT
 from porse.errors import PorseError
+from porse.outdated import params_of_run
 from porse.report.results import read_figures
 from porse.suite.folders import folders_of
 from porse.suite.plan import Entry, load_suite
@@ -80,7 +81,7 @@ def _suite(path: Path) -> tuple[list[Done], str]:
 
 
 def _run(folder: Path) -> Done:
-    params = load_params(folder / "params.yaml", presets_root(folder))
+    params = params_of_run(folder)
     entry = Entry(params.task, params.method, params.ablation, "", params.seed, {})
     return Done(Status(entry, "done", read_figures(folder), None), folder)
 
