@@ -273,7 +273,7 @@ SEEDS = Table(
     ("seed",),
     (
         Column("seed", _INT, "which of the further seeds, from 1"),
-        Column("links", _INT, "links of the chain that were trained to their end"),
+        Column("links", _INT, "links of the lineage that were trained to their end"),
         Column("failure", _TEXT, "why the training of the next link ended early, else empty"),
     ),
 )

@@ -119,7 +119,7 @@ def test_a_row_of_another_run_is_noticed(copied):
 
 
 def test_episodes_of_another_candidate_than_the_winner_are_noticed(copied):
-    winner = read_results(copied).evaluation.chain[-1]["candidate_id"]
+    winner = read_results(copied).evaluation.lineage[-1]["candidate_id"]
     candidates = tables.read(copied / "results" / "candidates.parquet", tables.CANDIDATES)
     other = next(row["candidate_id"] for row in candidates if row["candidate_id"] != winner)
     path = copied / "results" / "episodes.parquet"

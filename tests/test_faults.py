@@ -333,12 +333,12 @@ def test_an_evaluation_leaves_out_what_fails_and_is_the_same_in_both_executors(s
     found = []
     for executor in ("local", "inline"):
         monkeypatch.setenv(EXECUTOR_VARIABLE, executor)
-        chain = [
+        lineage = [
             candidate("one", 0, REWARD, 1.0),
             candidate("two", 0, NOT_FINITE, 1.0),
             candidate("three", 0, REWARD, 1.0),
         ]
-        found.append(evaluate(chain, 2, seeds, tmp_path / executor))
+        found.append(evaluate(lineage, 2, seeds, tmp_path / executor))
     assert found[0] == found[1]
     rows, seeds = found[0]
     # all of them fail, in the second link, and each says so

@@ -15,12 +15,12 @@ from porse.generation.functions import Function
 from porse.methods import ABLATIONS, METHODS, overridden
 from porse.report.figures import (
     area_under_curve,
-    chain_fitness,
     curve_figures,
     epochs_to,
     evaluation_figures,
     final_success,
     human_normalised_score,
+    lineage_fitness,
     run_figures,
     task_scores,
 )
@@ -93,7 +93,7 @@ def test_the_area_is_the_mean_over_the_chains_epochs_in_order():
     rows = [*curve(1, "1", "a", [4.0], first=2), *curve(1, "1", "a", [1.0]), *curve(2, "1", "b", [10.0])]
     rows += [*curve(1, "1", "b", [77.0]), *curve(2, "1", "a", [88.0]), *curve(1, "1", "a", [55.0], series="reward")]
     links = [{"iteration": 1, "candidate_id": "a"}, {"iteration": 2, "candidate_id": "b"}]
-    assert chain_fitness(rows, links) == [(links[0], 1.0), (links[0], 4.0), (links[1], 10.0)]
+    assert lineage_fitness(rows, links) == [(links[0], 1.0), (links[0], 4.0), (links[1], 10.0)]
     assert area_under_curve([1.0, 4.0, 10.0]) == 5.0
 
 
@@ -237,17 +237,17 @@ def test_a_runs_figures_by_pencil(params, whole):
     chosen = changed(params, train={"num_envs": 3, "steps_per_epoch": 7, "rung_epochs": 2}, generate={"candidates": 4})
     references = {"Quadcopter": Reference(human=Lengths(3.0, 4.5), sparse=Lengths(-2.0, 1.0))}
     chosen = changed(chosen, summarise={"thresholds": {"Quadcopter": 6.0}, "references": references})
-    chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
+    lineage = [candidate(1, 0, "a"), candidate(2, 0, "a")]
     rows = [{"seed": seed, "iteration": 2, "epoch": 1, "fitness": value} for seed, value in ((1, 2.0), (2, 4.0))]
     seeds = [{"seed": seed, "links": 2, "failure": ""} for seed in (1, 2)]
-    evaluation = Evaluation(chain, rows, seeds, played(-1, -2, -6))
+    evaluation = Evaluation(lineage, rows, seeds, played(-1, -2, -6))
     iterations = iteration_rows(whole, chosen)
     found = run_figures(iterations, evaluation, chosen) | curve_figures(whole, evaluation, chosen)
     # (8 + 2) / (3 + 2), and (8 - 1) / (4.5 - 1)
     assert (found["hns_lineage"], found["hns_budget"]) == (2.0, 2.0)
     assert (found["mts"], found["score"]) == (8.0, 3.5)
     # where the run's winner won in iteration 1, its score is from there
-    alone = run_figures(iterations, Evaluation(chain[:1], rows, seeds, played(1, 0)), chosen)
+    alone = run_figures(iterations, Evaluation(lineage[:1], rows, seeds, played(1, 0)), chosen)
     assert alone["score"] == 4.5
     assert (found["success"], found["episodes"]) == (-3.0, 3)
     # a's three epochs, then its two: (1 + 6 + 4 + 5 + 3) / 5
@@ -281,8 +281,8 @@ def test_metrics_are_few_and_flat_and_say_first_whose_they_are(params, whole):
 
 
 def test_the_plots_show_the_chains_fitness_epoch_by_epoch(params, whole, tmp_path):
-    chain = [candidate(1, 0, "a"), candidate(2, 0, "a")]
-    evaluation = Evaluation(chain, [], [], played(1, 0))
+    lineage = [candidate(1, 0, "a"), candidate(2, 0, "a")]
+    evaluation = Evaluation(lineage, [], [], played(1, 0))
     write_summary(whole, evaluation, params, tmp_path / "r", tmp_path / "m.json", tmp_path / "p")
     assert (tmp_path / "p" / "fitness.csv").read_text().splitlines() == [
         "epoch,fitness,candidate", "1,1.0,a", "2,6.0,a", "3,4.0,a", "4,5.0,a", "5,3.0,a",
@@ -472,15 +472,15 @@ def test_what_is_fixed_is_never_varied():
 
 
 def test_an_evaluation_says_which_seeds_failed_and_that_all_did():
-    chain = [candidate(1, 0, "a"), candidate(2, 0, "b"), candidate(3, 0, "c")]
+    lineage = [candidate(1, 0, "a"), candidate(2, 0, "b"), candidate(3, 0, "c")]
     fine, late = {"seed": 1, "links": 3, "failure": ""}, {"seed": 2, "links": 1, "failure": "its reward was not finite"}
-    assert _said(chain, [fine]) == ["3 links of the winning lineage, 1 further seed"]
-    assert _said(chain, [fine, late]) == [
+    assert _said(lineage, [fine]) == ["3 links of the winning lineage, 1 further seed"]
+    assert _said(lineage, [fine, late]) == [
         "3 links of the winning lineage, 2 further seeds, 1 of them failed",
         "seed 2 failed after 1 link: its reward was not finite",
     ]
     assert (
-        _said(chain, [late])[0]
+        _said(lineage, [late])[0]
         == "3 links of the winning lineage, 1 further seed: all of them failed, there is no evaluation"
     )
 

@@ -47,6 +47,7 @@ class Task:
     in the second step, the third fails there, at the time limit, too.
     """
 
+    NAME = "Scripted"
     NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 1, 9, False, 3
     device, is_asynchronous = torch.device("cpu"), False
     STATES: ClassVar = [[1.0, 2.0, 2.0], [2.0, 3.0, 3.0], [3.0, 1.0, 1.0], [4.0, 3.0, 3.0]]
@@ -1034,7 +1035,7 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
     small, pretended, tmp_path, monkeypatch
 ):
     five = changed(dataclasses.replace(small, seed=5), evaluate={"seeds": 2})
-    chain = [row("first", 0, iteration=1, beta=0.5), row("second", 1, iteration=4, alpha=0.25, beta=0.9)]
+    lineage = [row("first", 0, iteration=1, beta=0.5), row("second", 1, iteration=4, alpha=0.25, beta=0.9)]
     first = {number: random_policy(dataclasses.replace(five, seed=named(f'[5,"evaluate",{number}]')), 1) for number in (1, 2)}  # fmt: skip
 
     def train(jobs, params, on_report):
@@ -1047,7 +1048,7 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
         return outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    rows, seeds = evaluate(chain, 6, five, tmp_path)
+    rows, seeds = evaluate(lineage, 6, five, tmp_path)
     assert seeds == [{"seed": number, "links": 2, "failure": ""} for number in (1, 2)]
     assert [(r["iteration"], r["candidate_id"], r["seed"], r["epoch"], r["fitness"]) for r in rows] == [
         (1, "first", 1, 6, 6.0),
@@ -1083,7 +1084,7 @@ def test_a_lineage_is_trained_anew_link_by_link_with_draws_of_every_further_seed
 
 
 def test_every_link_of_a_long_lineage_goes_on_from_the_one_before(small, pretended, tmp_path, monkeypatch):
-    chain = [row(str(place), place, iteration=place + 1, alpha=0.5) for place in range(5)]
+    lineage = [row(str(place), place, iteration=place + 1, alpha=0.5) for place in range(5)]
     like = random_policy(small, 1).arrays
 
     def train(jobs, params, on_report):
@@ -1095,7 +1096,7 @@ def test_every_link_of_a_long_lineage_goes_on_from_the_one_before(small, pretend
         return outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    _, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 3}), tmp_path)
+    _, seeds = evaluate(lineage, 6, changed(small, evaluate={"seeds": 3}), tmp_path)
     assert [(entry["seed"], entry["links"]) for entry in seeds] == [(1, 5), (2, 5), (3, 5)]
     # a fusion keeps what the better policy has seen of the observations
     seen = next(name for name in like if "actor.obs_normalizer" in name)
@@ -1104,7 +1105,7 @@ def test_every_link_of_a_long_lineage_goes_on_from_the_one_before(small, pretend
 
 
 def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monkeypatch):
-    chain = [row("first", 0, iteration=1), row("second", 1, iteration=2)]
+    lineage = [row("first", 0, iteration=1), row("second", 1, iteration=2)]
     like = random_policy(small, 1)
 
     def train(jobs, params, on_report):
@@ -1115,7 +1116,7 @@ def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monk
         return [Outcome([], "late"), outcomes[1]] if len(jobs) == 2 else outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    rows, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
+    rows, seeds = evaluate(lineage, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
     assert seeds == [{"seed": 1, "links": 0, "failure": "late"}, {"seed": 2, "links": 2, "failure": ""}]
     assert [(r["iteration"], r["seed"]) for r in rows] == [(1, 2), (2, 2)]
     assert [len(jobs) for jobs in pretended.jobs] == [2, 1]
@@ -1124,7 +1125,7 @@ def test_a_seed_whose_training_fails_ends_there(small, pretended, tmp_path, monk
 def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluation_has_no_rows_of_it(
     small, pretended, tmp_path, monkeypatch
 ):
-    chain = [row("first", 0, iteration=1), row("second", 1, iteration=2), row("third", 2, iteration=3)]
+    lineage = [row("first", 0, iteration=1), row("second", 1, iteration=2), row("third", 2, iteration=3)]
     like = random_policy(small, 1)
 
     def train(jobs, params, on_report):
@@ -1135,7 +1136,7 @@ def test_a_seed_that_fails_later_says_after_how_many_links_and_a_failed_evaluati
         return [Outcome([], entry.name) for entry in jobs] if len(pretended.jobs) == 2 else outcomes
 
     monkeypatch.setattr(evaluation_module, "train_pool", train)
-    rows, seeds = evaluate(chain, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
+    rows, seeds = evaluate(lineage, 6, changed(small, evaluate={"seeds": 2}), tmp_path)
     assert [(r["iteration"], r["seed"]) for r in rows] == [(1, 1), (1, 2)]
     assert [(r["seed"], r["links"]) for r in seeds] == [(1, 1), (2, 1)]
     assert [r["failure"] for r in seeds] == [entry.name for entry in pretended.jobs[1]]

@@ -15,10 +15,10 @@ from porse.methods import ABLATIONS, METHODS, overridden
 from porse.presets import SIZES
 from porse.report.figures import (
     area_under_curve,
-    chain_fitness,
     epochs_to,
     evaluation_figures,
     human_normalised_score,
+    lineage_fitness,
 )
 from porse.report.run import Run
 from porse.search.lengths import probe_epochs
@@ -224,8 +224,8 @@ def test_epochs_to_a_threshold_count_those_of_all_candidates(params):
 
 def test_the_chains_fitness_is_that_of_its_links_one_after_the_other():
     rows = [*curve(1, "1", "a", [1.0, 2.0]), *curve(1, "1", "b", [9.0]), *curve(2, "1", "a", [3.0])]
-    chain = [{"iteration": 1, "candidate_id": "a"}, {"iteration": 2, "candidate_id": "a"}]
-    assert [fitness for _, fitness in chain_fitness(rows, chain)] == [1.0, 2.0, 3.0]
+    lineage = [{"iteration": 1, "candidate_id": "a"}, {"iteration": 2, "candidate_id": "a"}]
+    assert [fitness for _, fitness in lineage_fitness(rows, lineage)] == [1.0, 2.0, 3.0]
 
 
 def test_the_evaluation_is_mean_and_sample_deviation_over_seeds_that_did_not_fail(params):

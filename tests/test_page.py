@@ -393,14 +393,14 @@ def test_goal_and_bonus_of_the_lineage_are_strung_together_by_epoch(results):
 
 def test_a_mark_says_how_many_mutants_came_and_how_many_candidates_went(run):
     schedule = SimpleNamespace(rungs=[SimpleNamespace(rung=name) for name in ("1", "mutants", "2")])
-    chain = [run.candidates[2], candidate(4, 0, "z", origin="new")]
+    lineage = [run.candidates[2], candidate(4, 0, "z", origin="new")]
     scores = [*run.scores, *ranking(3, "2", ("a", -0.25, False, True), ("m", -0.5, False, False))]
     curves = [*curve(3, "a", [-1.0, -0.5]), *curve(3, "a", [-0.25], rung="2", first=3), *curve(4, "z", [-0.125])]
     found = winners_chart(
         SimpleNamespace(
             params=schedule,
             run=dataclasses.replace(run, scores=scores, curves=curves),
-            evaluation=SimpleNamespace(chain=chain),
+            evaluation=SimpleNamespace(lineage=lineage),
         )
     )
     # Rung 1: b and c went. Then m and n came, and n went. In rung 2 m went. Iteration 4 has no ranking.
@@ -638,7 +638,7 @@ def test_where_mujoco_cannot_even_be_imported_as_it_is_told_to_the_page_has_no_f
 def test_the_lineage_of_the_page_is_the_one_that_was_evaluated(finished):
     results = read_results(finished)
     links = {(row["iteration"], row["candidate_id"]) for row in results.evaluation.rows}
-    assert {(row["iteration"], row["candidate_id"]) for row in results.evaluation.chain} == links
+    assert {(row["iteration"], row["candidate_id"]) for row in results.evaluation.lineage} == links
 
 
 def test_a_run_that_is_not_finished_and_a_page_that_cannot_be_written_are_said_in_a_sentence(

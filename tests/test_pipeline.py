@@ -21,7 +21,7 @@ from porse import tables
 from porse.config import load_params
 from porse.generation.states import checker
 from porse.inputs.stages import NO_RESULT, STAGES
-from porse.report.figures import chain_fitness
+from porse.report.figures import lineage_fitness
 from porse.report.results import read_results
 from porse.report.run import read_lineage
 from porse.training import evaluation
@@ -142,7 +142,7 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
     assert [row["iteration"] for row in results["iterations"]] == [1, 2]
     fitness = [row["value"] for row in results["curves"] if row["series"] == "fitness"]
     assert metrics["mts"] == max(fitness)
-    # Two iterations of a chain that is fused: the run's winner is the last one.
+    # Two iterations of a lineage that is fused: the run's winner is the last one.
     assert metrics["score"] == results["iterations"][-1]["score"]
     assert figures["episodes"] == 8
     assert figures["success_low"] < figures["success"] < figures["success_high"]
@@ -152,11 +152,11 @@ def test_the_run_leaves_its_tables_and_metrics(recorded):
 def test_the_lineage_trained_again_with_the_runs_own_seed_is_the_run(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluation, "evaluation_seed", lambda params, number: params.seed)
     params = load_params(recorded / "params.yaml")
-    chain = read_lineage(recorded / "run", params)
-    assert [link["iteration"] for link in chain] == [1, 2]
-    again = [row["fitness"] for row in evaluation.evaluate(chain, 2, params, tmp_path)[0]]
+    lineage = read_lineage(recorded / "run", params)
+    assert [link["iteration"] for link in lineage] == [1, 2]
+    again = [row["fitness"] for row in evaluation.evaluate(lineage, 2, params, tmp_path)[0]]
     curves = tables.read(recorded / "results" / "curves.parquet", tables.CURVES)
-    assert again == [fitness for _, fitness in chain_fitness(curves, chain)]
+    assert again == [fitness for _, fitness in lineage_fitness(curves, lineage)]
 
 
 def test_dvc_sees_metrics_and_plots(recorded):

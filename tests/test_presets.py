@@ -81,7 +81,7 @@ def test_a_preset_says_how_long_an_episode_a_rung_and_a_run_are(root, task):
     assert said["rung"] == [train["rung_epochs"] * train["steps_per_epoch"] for train in sizes]
     assert said["epoch"] == epochs
     assert said["minibatch"] == [epochs[1] // sizes[1]["minibatches"]]
-    # 5 iterations of 36 rungs, and the chain of 5 x 6 rungs again with 2 further seeds.
+    # 5 iterations of 36 rungs, and the lineage of 5 x 6 rungs again with 2 further seeds.
     runs = [(5 * 36 + 2 * 5 * 6) * train["rung_epochs"] * steps for train, steps in zip(sizes, epochs, strict=True)]
     assert said["run"] == pytest.approx(runs, rel=0.03)
 

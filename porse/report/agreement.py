@@ -167,7 +167,7 @@ def _evaluation(run: Run, evaluation: Evaluation, params: Params) -> Iterator[st
     episodes = [row["episode"] for row in evaluation.episodes]
     if episodes != [*range(params.evaluate.episodes)]:
         yield f"{len(episodes)} episodes of evaluate.episodes = {params.evaluate.episodes} in episodes"
-    winner = evaluation.chain[-1]["candidate_id"]
+    winner = evaluation.lineage[-1]["candidate_id"]
     if others := sorted({row["candidate_id"] for row in evaluation.episodes} - {winner}):
         yield f"candidate {others[0]} in episodes, where {winner} is the run's winner"
     seeds = [row["seed"] for row in evaluation.seeds]
@@ -176,7 +176,7 @@ def _evaluation(run: Run, evaluation: Evaluation, params: Params) -> Iterator[st
     wanted = {_name(row): row["epochs"] for row in run.candidates}
     points = Counter((row["seed"], *_name(row)) for row in evaluation.rows)
     for row in evaluation.seeds:
-        for link in evaluation.chain[: row["links"]]:
+        for link in evaluation.lineage[: row["links"]]:
             count = points[row["seed"], *_name(link)]
             if count != wanted[_name(link)]:
                 yield (

@@ -13,7 +13,7 @@ from porse.printing import counted
 from porse.report import paper
 from porse.report.charts import Chart, Line, Mark, Point
 from porse.report.detail import STREAMS, series_of
-from porse.report.figures import LENGTHS, chain_fitness
+from porse.report.figures import LENGTHS, lineage_fitness
 from porse.report.results import Results
 from porse.search.schedule import mutants, varied
 from porse.tables import Row
@@ -156,7 +156,7 @@ def winners_chart(results: Results) -> Chart:
     One with a word stands where a link begins. Every mark but the first says how many mutants came and how many candidates went
     in the rungs since the one before.
     """
-    points = chain_fitness(results.run.curves, results.evaluation.chain)
+    points = lineage_fitness(results.run.curves, results.evaluation.lineage)
     order = [str(rung.rung) for rung in results.params.rungs]
     rungs = {
         (row["iteration"], row["candidate_id"], row["epoch"]): row["rung"]
@@ -190,7 +190,7 @@ def lineage_charts(results: Results) -> list[Chart]:
     marks: list[Mark] = []
     lines: dict[str, list[Point]] = {}
     before = 0
-    for link in results.evaluation.chain:
+    for link in results.evaluation.lineage:
         own = series.get((link["iteration"], link["candidate_id"]), {})
         marks.append(Mark(before + 1, str(link["iteration"])))
         epochs = [int(epoch) for epoch, _ in own.get("fitness", [])]

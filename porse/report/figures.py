@@ -30,11 +30,11 @@ def run_figures(iterations: Sequence[Row], evaluation: Evaluation, params: Param
 
     Args:
         iterations: rows of its iterations table.
-        evaluation: what `evaluate` found; its chain is the winning lineage.
+        evaluation: what `evaluate` found; its lineage is the winning one.
         params: the run's parameters.
     """
     score = {(row["iteration"], row["winner_id"]): row["score"] for row in iterations}
-    winner = evaluation.chain[-1]
+    winner = evaluation.lineage[-1]
     functions, valid = (sum(row[name] for row in iterations) for name in ("replies", "valid_replies"))
     mts = max(row["mts"] for row in iterations)
     return {
@@ -55,7 +55,7 @@ def run_figures(iterations: Sequence[Row], evaluation: Evaluation, params: Param
 def curve_figures(run: Run, evaluation: Evaluation, params: Params) -> dict[str, Any]:
     """Returns those figures of a run that need its long tables: curves, candidates, replies. An undefined one is None."""
     return {
-        "fitness_area": area_under_curve([fitness for _, fitness in chain_fitness(run.curves, evaluation.chain)]),
+        "fitness_area": area_under_curve([fitness for _, fitness in lineage_fitness(run.curves, evaluation.lineage)]),
         "epochs_to_threshold": epochs_to(params.summarise.thresholds.get(params.task), run, params),
         "failed_candidates": sum(bool(row["failure"]) for row in run.candidates),
         "replies": len(run.replies),
@@ -132,10 +132,10 @@ def epochs_to(threshold: float | None, run: Run, params: Params) -> int | None:
     return next((spent for spent, row in enumerate(rows, start=1) if row["value"] >= threshold), None)
 
 
-def chain_fitness(curves: Sequence[Row], chain: Sequence[Row]) -> list[tuple[Row, float]]:
-    """Returns (link, fitness) for every epoch of a chain of candidates, one link after the other."""
+def lineage_fitness(curves: Sequence[Row], lineage: Sequence[Row]) -> list[tuple[Row, float]]:
+    """Returns (link, fitness) for every epoch of a lineage of candidates, one link after the other."""
     points: list[tuple[Row, float]] = []
-    for link in chain:
+    for link in lineage:
         rows = [
             row
             for row in curves

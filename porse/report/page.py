@@ -134,7 +134,7 @@ def page_of(results: Results, film: Film) -> Page:
         answers(results),
         beside_paper(results),
         film,
-        results.evaluation.chain,
+        results.evaluation.lineage,
         winners_chart(results),
         lineage_charts(results),
         tree([[shown.member for shown in chapter.candidates] for chapter in chapters], rungs),

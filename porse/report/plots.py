@@ -32,11 +32,11 @@ def spread_rows(curves: Sequence[Row]) -> Rows:
     return found
 
 
-def bonus_rows(curves: Sequence[Row], chain: Sequence[Row]) -> Rows:
-    """Returns share and size of the bonus, and the size of the goal, for each epoch of a chain of candidates."""
+def bonus_rows(curves: Sequence[Row], lineage: Sequence[Row]) -> Rows:
+    """Returns share and size of the bonus, and the size of the goal, for each epoch of a lineage of candidates."""
     names = ("bonus_share", "bonus_size", "goal_size")
     found: Rows = [["epoch", *names, "candidate"]]
-    for link in chain:
+    for link in lineage:
         series = {name: _series(curves, link, name) for name in names}
         # A run without the one has none of the others.
         for epoch in sorted(set.intersection(*map(set, series.values()))):
@@ -44,11 +44,11 @@ def bonus_rows(curves: Sequence[Row], chain: Sequence[Row]) -> Rows:
     return found
 
 
-def component_rows(curves: Sequence[Row], chain: Sequence[Row]) -> Rows:
-    """Returns the mean of each component of the reward for each epoch of a chain of candidates, one line for each."""
+def component_rows(curves: Sequence[Row], lineage: Sequence[Row]) -> Rows:
+    """Returns the mean of each component of the reward for each epoch of a lineage of candidates, one line for each."""
     found: Rows = [["epoch", "component", "mean", "candidate"]]
     before = 0
-    for link in chain:
+    for link in lineage:
         epochs = sorted(_series(curves, link, "fitness"))
         names = sorted({row["series"] for row in curves if _is_of(row, link) and row["series"].startswith(_PART)})
         for name in names:

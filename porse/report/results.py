@@ -87,7 +87,7 @@ def read_winner(folder: Path) -> Row:
         PorseError: the run had no iteration.
     """
     *_, evaluation = _answer(folder)
-    return evaluation.chain[-1]
+    return evaluation.lineage[-1]
 
 
 def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Evaluation]:
@@ -100,9 +100,9 @@ def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Eval
         )
     held = incumbents(iterations, candidates, params)
     winners = [row for row, _ in held]
-    chain = lineage(winners, [score for _, score in held], params)
+    links = lineage(winners, [score for _, score in held], params)
     evaluation = Evaluation(
-        chain, _rows(folder, tables.EVALUATION), _rows(folder, tables.SEEDS), _rows(folder, tables.EPISODES)
+        links, _rows(folder, tables.EVALUATION), _rows(folder, tables.SEEDS), _rows(folder, tables.EPISODES)
     )
     return params, iterations, candidates, winners, evaluation
 

@@ -15,13 +15,13 @@ class Evaluation:
     """What `evaluate` found.
 
     Attributes:
-        chain: the winning lineage: rows of the candidates table, the first link first. Its last is the run's winner.
+        lineage: the winning lineage: rows of the candidates table, the first link first. Its last is the run's winner.
         rows: of the evaluation table.
         seeds: rows of the seeds table.
         episodes: rows of the episodes table.
     """
 
-    chain: list[Row]
+    lineage: list[Row]
     rows: list[Row]
     seeds: list[Row]
     episodes: list[Row]

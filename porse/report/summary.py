@@ -9,7 +9,7 @@ from typing import Any
 
 from porse import tables
 from porse.config import Params
-from porse.report.figures import chain_fitness, method_label, run_figures
+from porse.report.figures import lineage_fitness, method_label, run_figures
 from porse.report.plots import bonus_rows, component_rows, spread_rows
 from porse.report.run import Evaluation, Run
 from porse.tables import Row, Table
@@ -102,15 +102,15 @@ def write_summary(
         tables.write(results / f"{table.name}.parquet", table, rows)
     text = json.dumps(metrics(iterations, evaluation, params), indent=2)
     metrics_file.write_text(f"{text}\n", encoding="utf-8")
-    points = enumerate(chain_fitness(run.curves, evaluation.chain), start=1)
+    points = enumerate(lineage_fitness(run.curves, evaluation.lineage), start=1)
     lines = ([epoch, fitness, link["candidate_id"]] for epoch, (link, fitness) in points)
     _write_csv(plots / "fitness.csv", ("epoch", "fitness", "candidate"), lines)
     shown = ("iteration", "score", "mts", "winner_mts", "beta", "alpha")
     _write_csv(plots / "iterations.csv", shown, ([row[name] for name in shown] for row in iterations))
     for name, (header, *lines_of) in (
         ("candidates", spread_rows(run.curves)),
-        ("bonus", bonus_rows(run.curves, evaluation.chain)),
-        ("components", component_rows(run.curves, evaluation.chain)),
+        ("bonus", bonus_rows(run.curves, evaluation.lineage)),
+        ("components", component_rows(run.curves, evaluation.lineage)),
     ):
         _write_csv(plots / f"{name}.csv", [str(word) for word in header], lines_of)
     return iterations

@@ -8,21 +8,21 @@ from porse.tables import Row
 
 
 def lineage(incumbents: Sequence[Row], scores: Sequence[float], params: Params) -> list[Row]:
-    """Returns the chain of candidates that were trained one on top of the other, the first one first.
+    """Returns the candidates that were trained one on top of the other, the first one first.
 
     Args:
         incumbents: the row of the candidate that each iteration handed on.
         scores: the score of each of their trainings.
-        params: the run's parameters; where iterations start from a random policy, the chain is the best one alone.
+        params: the run's parameters; where iterations start from a random policy, the lineage is the best one alone.
     """
-    chain: dict[str, Row] = {}
+    links: dict[str, Row] = {}
     for row in incumbents:
         # An incumbent that stays is trained once.
-        chain.setdefault(f"{row['iteration']}/{row['candidate_id']}", row)
+        links.setdefault(f"{row['iteration']}/{row['candidate_id']}", row)
     if params.fuse.policy == "random":
         best = max(range(len(incumbents)), key=lambda index: (scores[index], -index))
         return [incumbents[best]]
-    return list(chain.values())
+    return list(links.values())
 
 
 def evaluation_seed(params: Params, number: int) -> int:

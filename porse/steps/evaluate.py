@@ -18,15 +18,15 @@ from porse.training.evaluation import evaluate as evaluated
 
 def evaluate(params: Params, run: Path, out: Path) -> str:
     """Writes the tables evaluation, seeds and episodes of the run in the folder `run` to `out`; returns what to say about it."""
-    chain = read_lineage(run, params)
+    lineage = read_lineage(run, params)
     until = rung_epochs(params) * max(rung.until for rung in params.rungs)
     with tempfile.TemporaryDirectory() as scratch:
-        rows, seeds = evaluated(chain, until, params, Path(scratch))
+        rows, seeds = evaluated(lineage, until, params, Path(scratch))
     tables.write(out / "evaluation.parquet", tables.EVALUATION, rows)
     tables.write(out / "seeds.parquet", tables.SEEDS, seeds)
-    episodes = _episodes(params, chain[-1], run)
+    episodes = _episodes(params, lineage[-1], run)
     tables.write(out / "episodes.parquet", tables.EPISODES, episodes)
-    return "\n".join([*_said(chain, seeds), _success(episodes)])
+    return "\n".join([*_said(lineage, seeds), _success(episodes)])
 
 
 def _episodes(params: Params, winner: Row, run: Path) -> list[Row]:
@@ -49,7 +49,7 @@ def _episodes(params: Params, winner: Row, run: Path) -> list[Row]:
     ]
 
 
-def _said(chain: Sequence[Row], seeds: Sequence[Row]) -> list[str]:
+def _said(lineage: Sequence[Row], seeds: Sequence[Row]) -> list[str]:
     """Returns a line about the further seeds, and one about each that failed."""
     failed = [row for row in seeds if row["failure"]]
     end = ""
@@ -60,7 +60,7 @@ def _said(chain: Sequence[Row], seeds: Sequence[Row]) -> list[str]:
             else ": all of them failed, there is no evaluation"
         )
     return [
-        f"{counted(len(chain), 'link')} of the winning lineage, {counted(len(seeds), 'further seed')}{end}",
+        f"{counted(len(lineage), 'link')} of the winning lineage, {counted(len(seeds), 'further seed')}{end}",
         *(f"seed {row['seed']} failed after {counted(row['links'], 'link')}: {row['failure']}" for row in failed),
     ]
 

@@ -15,7 +15,7 @@ from porse.training.rung import job_for, rung_bar
 from porse.training.start import random_policy
 
 
-def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) -> tuple[list[Row], list[Row]]:
+def evaluate(lineage: Sequence[Row], until: int, params: Params, scratch: Path) -> tuple[list[Row], list[Row]]:
     """Returns the rows of the evaluation table and of the seeds table: every link trained to epoch `until`, for every seed.
 
     A link starts as it did in the run: from a random policy, or from its own fusion of the link before with one. All
@@ -23,16 +23,16 @@ def evaluate(chain: Sequence[Row], until: int, params: Params, scratch: Path) ->
     there; the seeds table says why.
 
     Args:
-        chain: rows of the candidates table, the first link first.
+        lineage: rows of the candidates table, the first link first.
         until: epochs of each link.
         params: the run's parameters; evaluate.seeds says how many seeds.
         scratch: an empty folder for checkpoints.
     """
     seeds = {number: _with_seed(params, number) for number in range(1, params.evaluate.seeds + 1)}
     alive, rows = sorted(seeds), list[Row]()
-    ends = {number: {"seed": number, "links": len(chain), "failure": ""} for number in alive}
-    for index, link in enumerate(chain):
-        jobs = [_job(chain, index, number, seeds[number], until, scratch / str(number)) for number in alive]
+    ends = {number: {"seed": number, "links": len(lineage), "failure": ""} for number in alive}
+    for index, link in enumerate(lineage):
+        jobs = [_job(lineage, index, number, seeds[number], until, scratch / str(number)) for number in alive]
         with rung_bar(params, f"evaluation, iteration {link['iteration']}", len(jobs), len(jobs) * until) as bar:
             outcomes = train_pool(jobs, params, bar.tell)
         results = dict(zip(alive, outcomes, strict=True))
@@ -47,9 +47,9 @@ def _with_seed(params: Params, number: int) -> Params:
     return params.with_seed(evaluation_seed(params, number))
 
 
-def _job(chain: Sequence[Row], index: int, number: int, params: Params, until: int, folder: Path) -> Job:
+def _job(lineage: Sequence[Row], index: int, number: int, params: Params, until: int, folder: Path) -> Job:
     """Returns the training of one link with further seed `number`, that of `params`, after writing the policy that it starts from."""
-    link = chain[index]
+    link = lineage[index]
     random = random_policy(params, link["iteration"])
     start = folder / f"start-{index}.safetensors"
     if index == 0:
