@@ -32,7 +32,7 @@ _COMMANDS = {
     "published": ("porse.published.command:published", "List the published runs."),
     "render": ("porse.show:render", "Draw a task."),
     "replay": ("porse.published.command:replay_command", "Compute a published run again, and compare."),
-    "report": ("porse.reporting.command:report", "Write an HTML page about finished runs."),
+    "report": ("porse.comparison.command:report", "Write an HTML page about finished runs."),
     "repro": ("porse.commands.running:repro", "Run the pipeline: `dvc repro`, with repairs and progress."),
     "results": ("porse.commands.outcome:show_results", "Print what a finished run reached."),
     "run": ("porse.commands.running:run_at_once", "Run params.yaml in one process, without DVC."),

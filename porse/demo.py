@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from porse import numerics
+from porse.comparison.film import winner_film
 from porse.config import load_document, parse_params
 from porse.documents import read_yaml, render_yaml
 from porse.errors import PorseError
@@ -20,7 +21,6 @@ from porse.printing import echo
 from porse.report.markdown import results_table
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
-from porse.reporting.film import winner_film
 from porse.repro import check_start
 from porse.show import has_display, no_renderer
 from porse.stage import LOGS, write_manifest

@@ -29,7 +29,7 @@ LAYERS: list[set[str]] = [
     {"iteration", "plan", "repair"},
     {"estimate", "repro", "schema"},
     {"show", "status", "suite"},
-    {"reporting"},
+    {"comparison"},
     {"doctor", "demo", "experiments", "export", "init", "published"},
     {"commands"},
     {"bench"},

@@ -17,6 +17,7 @@ from at_once import run_at_once
 from meaning_cases import changed, row_of
 from porse import tables
 from porse.cli import main
+from porse.comparison.film import winner_film
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
@@ -44,7 +45,6 @@ from porse.report.results import Results, incumbents, read_results
 from porse.report.run import Evaluation, Run
 from porse.report.source import differences, listing
 from porse.report.tree import COLUMN, HEAD, ROW, Fork, tree
-from porse.reporting.film import winner_film
 from porse.task_names import TASK_CLASSES
 from tiny import BIN
 
@@ -656,7 +656,7 @@ def test_an_installed_package_has_the_pages_templates(root):
     declared = __import__("tomllib").loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     assert declared["porse.report"] == ["pages/*"]
     assert declared["porse.report.paper"] == ["*.csv"]
-    assert declared["porse.reporting"] == ["pages/*"]
+    assert declared["porse.comparison"] == ["pages/*"]
     found = {path.name for path in (root / "porse" / "report" / "pages").iterdir()}
     assert found == {"page.html.jinja", "candidate.jinja", "charts.jinja", "charts.css", "chart.svg.jinja", "style.css"}
 

@@ -15,15 +15,15 @@ from at_once import run_at_once
 from browser import CHROMIUM, browser
 from porse import tables
 from porse.cli import main
+from porse.comparison.compare import comparison
+from porse.comparison.forms import csv_of, mean_text
+from porse.comparison.sources import read_sources
 from porse.config import parse_params
 from porse.errors import PorseError
 from porse.generation.states import checker
 from porse.report.intervals import SIDE, WIDTH, Interval, intervals
 from porse.report.results import read_figures
 from porse.report.trends import read_finished
-from porse.reporting.compare import comparison
-from porse.reporting.forms import csv_of, mean_text
-from porse.reporting.sources import read_sources
 from porse.suite.folders import folders_of, write_json
 from porse.suite.plan import load_suite
 from porse.suite.resolve import code_id, resolve, tracked_files
@@ -135,7 +135,7 @@ def test_the_mts_so_far_never_falls_although_an_iteration_may(finished, tmp_path
         rows = [{**run.iterations[0], "iteration": n, "mts": mts} for n, mts in enumerate(reached[folder], 1)]
         return dataclasses.replace(run, iterations=rows)
 
-    monkeypatch.setattr("porse.reporting.compare.read_finished", read)
+    monkeypatch.setattr("porse.comparison.compare.read_finished", read)
     (chart,) = comparison(read_sources([*reached]), "").by_iteration
     (line,) = chart.lines
     # (1 + 3) / 2, (4 + 3) / 2, and 4 of the one that has a third.

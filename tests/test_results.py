@@ -8,11 +8,7 @@ import pytest
 import kills
 from at_once import run_at_once
 from porse import tables
-from porse.config import parse_params
-from porse.errors import PorseError
-from porse.generation.states import checker
-from porse.report.answer import author_of
-from porse.reporting.evidence import (
+from porse.comparison.evidence import (
     RUN_COLUMNS,
     WINNER_COLUMNS,
     Evidence,
@@ -22,8 +18,12 @@ from porse.reporting.evidence import (
     read_evidence,
     write_evidence,
 )
-from porse.reporting.reliable import interquartile_mean, probability_of_improvement
-from porse.reporting.results_page import FOLDER, PAGE, page
+from porse.comparison.reliable import interquartile_mean, probability_of_improvement
+from porse.comparison.results_page import FOLDER, PAGE, page
+from porse.config import parse_params
+from porse.errors import PorseError
+from porse.generation.states import checker
+from porse.report.answer import author_of
 from porse.suite.plan import Entry, load_suite
 
 

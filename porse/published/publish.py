@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from porse import __version__, tables
+from porse.comparison.film import winner_film
 from porse.config import Params, leaves, load_document, load_params, presets_root, resolve_document
 from porse.documents import render_yaml
 from porse.errors import CacheError, PorseError
@@ -31,7 +32,6 @@ from porse.published.manifest import FOLDER, MANIFEST, MOST_GIT_BYTES, OUTPUTS, 
 from porse.report.answer import Fact
 from porse.report.page import no_film, page_of, render
 from porse.report.results import Results, read_results
-from porse.reporting.film import winner_film
 from porse.suite.clone import DVC, call, dvc_cache
 from porse.task_names import TASK_CLASSES
 

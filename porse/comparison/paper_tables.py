@@ -3,12 +3,12 @@
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from statistics import fmean
 
+from porse.comparison.evidence import Evidence
+from porse.comparison.evidence import Line as Row
+from porse.comparison.forms import mean_text
 from porse.report import paper
 from porse.report.answer import figure
 from porse.report.figures import method_label, spread
-from porse.reporting.evidence import Evidence
-from porse.reporting.evidence import Line as Row
-from porse.reporting.forms import mean_text
 
 AUTHORS = {"model": "a language model", "grammar": "the grammar", "files": "people", "nobody": "nobody"}
 """Who writes a run's functions, in words."""

@@ -2,15 +2,15 @@
 
 from jinja2 import ChoiceLoader, PackageLoader
 
+from porse.comparison.compare import FIGURES, Comparison
+from porse.comparison.forms import about, tables_of
 from porse.report.intervals import Interval, Intervals, intervals
 from porse.report.page import templates
-from porse.reporting.compare import FIGURES, Comparison
-from porse.reporting.forms import about, tables_of
 
 
 def html_of(shown: Comparison) -> str:
     """Returns tables and figures of a comparison as one page."""
-    loader = ChoiceLoader([PackageLoader("porse.reporting", "pages"), PackageLoader("porse.report", "pages")])
+    loader = ChoiceLoader([PackageLoader("porse.comparison", "pages"), PackageLoader("porse.report", "pages")])
     template = templates(loader).get_template("compare.html.jinja")
     drawings: dict[str, list[Intervals]] = {title: [] for title, _ in tables_of(shown)}
     for name, title in FIGURES.items():

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
+from porse.comparison.sources import Done, Sources
 from porse.errors import PorseError
 from porse.report import paper
 from porse.report.charts import Chart, Edge, Line, Point
 from porse.report.figures import method_label, spread
 from porse.report.trends import Finished, read_finished, trends, winners_fitness
-from porse.reporting.sources import Done, Sources
 from porse.suite.compare import mean_interval, paired
 from porse.suite.status import rows
 

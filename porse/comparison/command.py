@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
+from porse.comparison.film import winner_film
 from porse.outdated import warn_of_another_run
 from porse.paths import check_target
 from porse.printing import echo, print_line
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
-from porse.reporting.film import winner_film
 from porse.show import import_without_drawing
 
 FORMS = (".html", ".md", ".tex", ".csv")
@@ -63,10 +63,10 @@ def _page(runs: tuple[Path, ...], baseline: str, films: bool) -> str:
 
 def _compared(runs: tuple[Path, ...], baseline: str, out: Path) -> str:
     # Imported here: SciPy takes a second to import.
-    from porse.reporting.compare import Comparison, comparison
-    from porse.reporting.forms import csv_of, latex_of, markdown_of
-    from porse.reporting.page import html_of
-    from porse.reporting.sources import read_sources
+    from porse.comparison.compare import Comparison, comparison
+    from porse.comparison.forms import csv_of, latex_of, markdown_of
+    from porse.comparison.page import html_of
+    from porse.comparison.sources import read_sources
 
     forms: Sequence[Callable[[Comparison], str]] = (html_of, markdown_of, latex_of, csv_of)
     for run in filter(Path.is_dir, runs):

@@ -6,8 +6,8 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from porse.comparison.compare import FIGURES, Cell, Comparison
 from porse.report.answer import figure
-from porse.reporting.compare import FIGURES, Cell, Comparison
 
 Rows = list[list[str]]
 """Cells, the first row the titles."""

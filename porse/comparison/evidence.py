@@ -1,8 +1,8 @@
-"""What the runs of suites reached, as two tables that Git tracks: `python -m porse.reporting.evidence SUITE... docs/results`.
+"""What the runs of suites reached, as two tables that Git tracks: `python -m porse.comparison.evidence SUITE... docs/results`.
 
 `runs.csv` has a row for each run, `winners.csv` one for each iteration of each run. Suites take hours, so the tables grow: a run
 that is finished here replaces its row, and all others stay as they are. The page of results is made from these tables alone
-(`porse.reporting.results_page`).
+(`porse.comparison.results_page`).
 
 The column `curves` is a SHA-256 of all that was measured in a run. Where a run that stands in the table is computed again, the
 command says whether it has the same bits.

@@ -1,32 +1,32 @@
-"""The page of all suites' results, from the tables that Git tracks: `python -m porse.reporting.results_page docs`."""
+"""The page of all suites' results, from the tables that Git tracks: `python -m porse.comparison.results_page docs`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
+from porse.comparison.compare import label_of, line_over, mts_so_far
+from porse.comparison.evidence import Evidence, read_evidence
+from porse.comparison.evidence import Line as Row
+from porse.comparison.forms import mean_text
+from porse.comparison.paper_tables import AUTHORS, grouped, mean_of, paper_tables, table_of, tables_without_a_task
+from porse.comparison.reliable import Estimate, interquartile_mean, probability_of_improvement
 from porse.methods import METHODS
 from porse.report import paper
 from porse.report.charts import Chart
 from porse.report.svg import svg
-from porse.reporting.compare import label_of, line_over, mts_so_far
-from porse.reporting.evidence import Evidence, read_evidence
-from porse.reporting.evidence import Line as Row
-from porse.reporting.forms import mean_text
-from porse.reporting.paper_tables import AUTHORS, grouped, mean_of, paper_tables, table_of, tables_without_a_task
-from porse.reporting.reliable import Estimate, interquartile_mean, probability_of_improvement
 
 PAGE, FOLDER = "compared.md", "results"
 
 _HEAD = """# Methods beside each other, in figures
 
-`python -m porse.reporting.results_page docs` writes this page from two tables; do not edit it. [Results](results.md) says in words
+`python -m porse.comparison.results_page docs` writes this page from two tables; do not edit it. [Results](results.md) says in words
 what holds.
 
 ```sh
 porse suite run suites/NAME.yaml
-python -m porse.reporting.evidence suites/NAME.yaml docs/results
-python -m porse.reporting.results_page docs
+python -m porse.comparison.evidence suites/NAME.yaml docs/results
+python -m porse.comparison.results_page docs
 ```
 
 These commands compute a suite, add its finished runs to [runs.csv](results/runs.csv) and [winners.csv](results/winners.csv), and
