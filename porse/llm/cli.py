@@ -165,6 +165,7 @@ def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
             "samples": [
                 {
                     **dataclasses.asdict(entry.origin),
+                    "key": entry.key,
                     "samples": entry.count,
                     "replies": entry.replies,
                     "functions": entry.functions,
