@@ -1,6 +1,7 @@
 """`porse estimate`: what a run takes before it starts, from its schedule and a measurement of a few seconds on this machine."""
 
 import dataclasses
+import difflib
 import json
 import math
 import tempfile
@@ -13,7 +14,7 @@ from typing import Any
 import click
 
 from porse import numerics
-from porse.config import Params, load_document, parse_params
+from porse.config import Params, leaves, load_document, parse_params
 from porse.documents import parse_yaml
 from porse.errors import ParamsError, PorseError
 from porse.llm.store import Store
@@ -266,16 +267,21 @@ def changed(document: Any, assignments: Sequence[str]) -> Any:
         name, equals, value = text.partition("=")
         if not equals:
             raise ParamsError(f"expected NAME=VALUE after -S, found {text!r}; write it as in -S train.gamma=0.9")
-        document = _put(document, name.split("."), parse_yaml(value, f"the value of {name} after -S"), name)
+        try:
+            document = _put(document, name.split("."), parse_yaml(value, f"the value of {name} after -S"))
+        except KeyError:
+            near = difflib.get_close_matches(name, dict(leaves(document)) if isinstance(document, Mapping) else (), n=3)
+            hint = f"did you mean {' or '.join(near)}?" if near else "`porse params` prints all"
+            raise ParamsError(f"expected a parameter of params.yaml after -S, found {name}; {hint}") from None
     return document
 
 
-def _put(document: Any, keys: Sequence[str], value: Any, name: str) -> Any:
+def _put(document: Any, keys: Sequence[str], value: Any) -> Any:
     if not keys:
         return value
-    if not isinstance(document, Mapping) or keys[0] not in document:
-        raise ParamsError(f"expected a parameter of params.yaml after -S, found {name}; `porse params` prints all")
-    return {**document, keys[0]: _put(document[keys[0]], keys[1:], value, name)}
+    if not isinstance(document, Mapping):
+        raise KeyError(keys[0])
+    return {**document, keys[0]: _put(document[keys[0]], keys[1:], value)}
 
 
 @click.command()

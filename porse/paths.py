@@ -15,6 +15,9 @@ from click.core import ParameterSource
 
 from porse.errors import PorseError
 
+COMMAND_LINE = "the command line"
+"""Where a value is that was typed, in errors."""
+
 
 def check_target(path: Path, suffixes: Iterable[str], option: str = "--out") -> None:
     """Checks that a file can be written at `path`, before any work is done for it.

@@ -3,6 +3,7 @@
 No stage's result depends on this file: what a stage depends on is the module that the run's task names (`porse.inputs`).
 """
 
+import difflib
 from pathlib import Path
 
 TASK_CLASSES: dict[str, str] = {
@@ -81,6 +82,17 @@ TASK_ROWS = Path(__file__).with_name("tasks.json")
 def is_own(name: str) -> bool:
     """Returns whether a task's name is of the form "module:Class", which names a task outside the package."""
     return ":" in name
+
+
+def near_tasks(name: str) -> str:
+    """Returns a clause for an error about the name of a task that is none: the nearest names, or all where none is near."""
+    tasks = {task.lower(): task for task in TASK_CLASSES}
+    near = [tasks[key] for key in difflib.get_close_matches(name.lower(), tasks, n=3)]
+    return (
+        f"the nearest names are {', '.join(near)}"
+        if near
+        else f"no name is near, all are {', '.join(sorted(TASK_CLASSES))}"
+    )
 
 
 def own_place(task: str) -> str:

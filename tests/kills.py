@@ -147,7 +147,7 @@ def kill_at_a_start(project: Path, wanted: str, delay_s: float) -> Kill:
 
 def _ended(how: str, process: subprocess.Popen[str], project: Path, dvc_alone: bool = False) -> Kill:
     """Kills DVC, or the guard that started it and that DVC ends with."""
-    inner = [number for number, words in living(project).items() if " -m dvc repro" in words]
+    inner = [number for number, words in living(project).items() if "/quiet_dvc.py repro" in words]
     if dvc_alone and inner:
         os.kill(inner[0], signal.SIGKILL)
     else:

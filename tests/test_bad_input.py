@@ -103,4 +103,4 @@ def test_a_stage_without_its_input_says_which_stage_makes_it(project):
 def test_a_stage_without_its_inputs_says_which_stage_makes_them(project):
     done = stage("generate", *GENERATE)
     assert done.exit_code == 1
-    assert "run `dvc repro resolve`" in done.output
+    assert "run `porse repro resolve`" in done.output

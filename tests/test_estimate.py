@@ -121,8 +121,13 @@ def test_a_measurement_counts_steps_bytes_and_series_of_a_real_training(small):
     ("assignment", "says"),
     [
         ("task", r"expected NAME=VALUE after -S, found 'task'"),
-        ("train.epochs=3", r"expected a parameter of params\.yaml after -S, found train\.epochs"),
-        ("seed.x=3", r"expected a parameter of params\.yaml after -S, found seed\.x"),
+        (
+            "train.gama=3",
+            r"expected a parameter of params\.yaml after -S, found train\.gama; did you mean train\.gamma",
+        ),
+        ("taks=3", r"found taks; did you mean task\?"),
+        ("trian.gamma=3", r"found trian\.gamma; did you mean train\.gamma"),
+        ("seed.x.yz.xyz=3", r"found seed\.x\.yz\.xyz; `porse params` prints all"),
         ("task=[", r"expected YAML in the value of task after -S"),
     ],
 )

@@ -296,16 +296,20 @@ def test_stats_say_how_different_the_samples_of_a_question_are(store: Store) -> 
     other = "```python\ndef f(x):\n    return -x, {}\n```"
     for sample, text in enumerate([code, code, same, other]):
         store.write(record(text, sample=sample))
-    store.write_all([record(text, messages=(Message("user", "b"),), sample=k) for k, text in enumerate("xy")])
+    others = [record(text, messages=(Message("user", "b"),), sample=k) for k, text in enumerate("xy")]
+    store.write_all(others)
     store.write(record("alone", messages=(Message("user", "c"),)))
     lines = run("stats").stdout.splitlines()
     where = ["2", "generate", "reward", "3"]
     start = next(index for index, line in enumerate(lines) if "different functions" in line)
     # Four samples: two equal ones, one that differs in words, a comment, brackets and a name, and one that differs.
-    assert sorted(line.split() for line in lines[start + 1 : start + 3]) == [
+    rows = [line.split() for line in lines[start + 1 : start + 3]]
+    assert sorted([*row[:4], *row[5:]] for row in rows) == [
         [*where, "2", "2", "2"],
         [*where, "4", "3", "2"],
     ]
+    # The key of the first sample tells questions apart that were asked in the same place.
+    assert {row[4] for row in rows} == {first.key[:12] for first in (record(code), others[0])}
     assert lines[start + 3] == "6 samples of 2 questions hold 4 different functions"
 
 

@@ -257,7 +257,11 @@ def test_an_error_in_a_preset_names_its_file(project, content, words):
     [
         (asked(size="papers"), r"expected size to be one of cpu, paper, found 'papers' in params.yaml; did you mean paper\?"),
         (asked(size=3), "expected size to be one of cpu, paper, found 3 in params.yaml; change it there"),
-        (asked(task="Ovre"), "found 'Ovre' in params.yaml; the nearest names are Over"),
+        (asked(task="Ovre"), "found 'Ovre' in params.yaml; the nearest names are Over$"),
+        # Whatever its case; and no more than three.
+        (asked(task="doorOpen"), "the nearest names are DoorOpenInward, DoorOpenOutward, DoorCloseInward$"),
+        (asked(task="catchUnder"), "the nearest names are CatchUnderarm, TwoCatchUnderarm, CatchOver2Underarm$"),
+        (asked(task="Drone"), "found 'Drone' in params.yaml; no name is near, all are Anymal, BlockStack,"),
         (asked(task="Pen"), r"expected the preset of the task in .*presets/Pen\.yaml, found no such file"),
         (asked(train__clip=None), "expected train.clip to be a value of type float, found None in params.yaml"),
         (asked(train__gamma=1.3), r"expected train.gamma to be a number in \[0, 1\], found 1.3 in params.yaml; change"),

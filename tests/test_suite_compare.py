@@ -103,14 +103,25 @@ def test_a_comparison_is_printed_as_json(sizes):
 
 
 def test_an_unknown_baseline_or_figure_is_named(sizes):
-    assert "expected a variant of the suite sizes, found 'non'; it has none, some" in str(
-        compare("--baseline", "non").output
-    )
+    expected = "Error: expected a variant of the suite sizes that the others are compared with, found"
+    for words, found in ((("--baseline", "non"), "'non'"), ((), "no --baseline")):
+        done = compare(*words)
+        assert (done.exit_code, done.output) == (1, f"{expected} {found}; its variants are 'none', 'some'\n")
     # The series of another candidate is none of the winner's.
     with pytest.raises(
         PorseError, match=r"expected scores to be .* its figures are score, success, its series progress/way$"
     ):
         Figure("scores").of(folders_of("sizes", sizes).result("Quadcopter-porse-some-8"))
+
+
+def test_a_suite_without_variants_says_what_to_add(sizes):
+    (sizes / "sizes.yaml").write_text(SUITE.replace("variants:", "# variants:"))
+    done = compare("--baseline", "porse")
+    assert done.exit_code == 1
+    assert (
+        "expected variants in the suite sizes, found none; add `variants`, a name with its parameters for each"
+        in done.output
+    )
 
 
 def test_the_interval_of_paired_differences_covers_their_mean_and_is_the_same_every_time():

@@ -43,6 +43,20 @@ def test_a_length_that_is_none_is_refused(command, value):
     assert "expected more than 0 and at most 86400 seconds" in done.output
 
 
+@pytest.mark.parametrize(
+    "words", [("render", "--out", "a.png"), ("play",), ("check-code", "--reward", "a.py")], ids=lambda words: words[0]
+)
+def test_a_task_that_is_none_is_refused_with_the_nearest_names(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.py").touch()
+    done = porse(words[0], "quadcoptre", *words[1:])
+    assert (done.exit_code, done.output) == (
+        1,
+        "Error: expected task to be a name of `porse tasks` or module:Class, found 'quadcoptre' in the command line; the "
+        "nearest names are Quadcopter\n",
+    )
+
+
 def test_a_film_that_would_fill_the_memory_is_refused():
     done = porse("render", "Pen", "--out", "a.gif", "--seconds", "121")
     assert done.output == "Error: expected a film of at most 120 seconds, found --seconds 121; write a shorter one\n"
@@ -140,11 +154,11 @@ def test_results_of_another_task_say_so(root, tmp_path):
     assert "warning" not in porse("results", str(tmp_path)).stderr
 
 
-def test_parameters_that_cannot_be_read_are_said(tmp_path):
+def test_parameters_that_cannot_be_read_are_said_once(tmp_path):
     (tmp_path / "params.yaml").write_text("task: [")
-    said = another_run(tmp_path)
-    assert said is not None
-    assert "cannot be read" in said
+    (tmp_path / "dvc.lock").touch()
+    done = porse("results", str(tmp_path))
+    assert (done.exit_code, done.output.count("expected YAML in"), "warning" in done.output) == (1, 1, False)
 
 
 def test_a_source_archive_without_git_says_what_to_do(tmp_path):

@@ -66,10 +66,12 @@ def read_inputs(path: Path) -> tuple[Inputs, Params]:
         document = json.loads(path.read_text(encoding="utf-8"))
         inputs = Inputs(document["parameters"], document["files"])
     except FileNotFoundError:
-        raise ParamsError(f"expected a stage's inputs in {path}, found no such file; run `dvc repro resolve`") from None
+        raise ParamsError(
+            f"expected a stage's inputs in {path}, found no such file; run `porse repro resolve`"
+        ) from None
     except (ValueError, TypeError, KeyError):
         raise ParamsError(
-            f"expected a stage's inputs in {path}, found something else; run `dvc repro --force resolve`"
+            f"expected a stage's inputs in {path}, found something else; run `porse repro --force resolve`"
         ) from None
     return inputs, parse_part(inputs.parameters, str(path))
 
@@ -93,7 +95,7 @@ def check_unchanged(root: Path, path: Path, inputs: Inputs, when: str) -> None:
         more = f" and {len(changed) - 3} more" if len(changed) > 3 else ""
         raise ParamsError(
             f"expected the inputs of this stage to stay as they were, found {', '.join(changed[:3])}{more} changed {when}; "
-            "its result would not match the recorded inputs, so nothing is kept: run `dvc repro` again"
+            "its result would not match the recorded inputs, so nothing is kept: run `porse repro` again"
         )
 
 

@@ -60,7 +60,7 @@ def llm() -> None:
 
 @llm.command()
 @CACHE
-@click.option("--clear", is_flag=True, help="Forget all open requests; `dvc repro` writes the ones it still needs.")
+@click.option("--clear", is_flag=True, help="Forget all open requests; `porse repro` writes the ones it still needs.")
 @JSON
 def pending(cache_dir: Path, clear: bool, as_json: bool) -> None:
     """List the open requests, one line each."""
@@ -165,6 +165,7 @@ def stats(cache_dir: Path, list_keys: bool, as_json: bool) -> None:
             "samples": [
                 {
                     **dataclasses.asdict(entry.origin),
+                    "key": entry.key,
                     "samples": entry.count,
                     "replies": entry.replies,
                     "functions": entry.functions,

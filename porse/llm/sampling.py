@@ -22,12 +22,14 @@ class Samples:
     """The recorded samples of one question.
 
     Attributes:
-        origin: where the first of them was asked.
+        key: the key of the first of them.
+        origin: where it was asked.
         count: how many samples there are.
         replies: how many different texts.
         functions: how many different functions, whatever they call their local names.
     """
 
+    key: str
     origin: Origin
     count: int
     replies: int
@@ -35,7 +37,7 @@ class Samples:
 
 
 def samples(records: Iterable[Record]) -> list[Samples]:
-    """Returns one entry for each question with more than one sample, by iteration, stage and subject.
+    """Returns one entry for each question with more than one sample, by iteration, stage, subject and key.
 
     Samples are requests that differ in `sample` alone. Of a reply that was cut off and asked for again, the longer one
     counts.
@@ -47,13 +49,17 @@ def samples(records: Iterable[Record]) -> list[Samples]:
             del asked[name]
         questions[canonical_json(asked)][record.request.sample] = record
     found = [_compared(group) for group in questions.values() if len(group) > 1]
-    return sorted(found, key=lambda entry: (entry.origin.iteration, entry.origin.stage, entry.origin.subject))
+    return sorted(
+        found, key=lambda entry: (entry.origin.iteration, entry.origin.stage, entry.origin.subject, entry.key)
+    )
 
 
 def _compared(group: dict[int, Record]) -> Samples:
     texts = [group[sample].answer.text for sample in sorted(group)]
-    origin = group[min(group)].provenance.origin
-    return Samples(origin, len(texts), len(set(texts)), len({normalised(text) for text in texts}))
+    first = group[min(group)]
+    return Samples(
+        first.key, first.provenance.origin, len(texts), len(set(texts)), len({normalised(text) for text in texts})
+    )
 
 
 def normalised(text: str) -> str:

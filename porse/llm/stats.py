@@ -9,6 +9,9 @@ from porse.llm.record import Record
 from porse.llm.sampling import Samples
 from porse.printing import visible
 
+_KEY_DIGITS = 12
+"""So many digits of a key are printed; every command takes the first digits of one."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -61,19 +64,20 @@ def spending_table(heading: tuple[str, str], lines: list[Line]) -> str:
 
 def samples_table(found: list[Samples]) -> str:
     """Returns how different the samples of each question are, as a text table."""
-    names = ("iteration", "stage", "first asked for", "samples", "different replies", "different functions")
+    names = ("iteration", "stage", "first asked for", "its key", "samples", "different replies", "different functions")
     rows = [
         (
             str(entry.origin.iteration),
             entry.origin.stage,
             entry.origin.subject,
+            entry.key[:_KEY_DIGITS],
             str(entry.count),
             str(entry.replies),
             str(entry.functions),
         )
         for entry in found
     ]
-    return text_table(names, rows, 3)
+    return text_table(names, rows, 4)
 
 
 def text_table(names: tuple[str, ...], rows: Sequence[tuple[str, ...]], texts: int) -> str:

@@ -14,7 +14,7 @@ from porse.documents import read_yaml
 from porse.errors import ParamsError
 from porse.presets.own import sizes_of
 from porse.presets.rules import values_by_rule
-from porse.task_names import TASK_CLASSES, is_own
+from porse.task_names import TASK_CLASSES, is_own, near_tasks
 
 __all__ = ["FOLDER", "GIVEN", "SIZES", "Preset", "check_task_name", "filled", "find_preset", "given", "preset_file"]
 
@@ -101,13 +101,11 @@ def check_task_name(task: str, where: str) -> None:
     """Checks that a task is one of the package or of the form "module:Class".
 
     Raises:
-        ParamsError: it is neither; `where` names the file that it is in.
+        ParamsError: it is neither; `where` names the file, or whatever else it is in.
     """
     if not is_own(task) and task not in TASK_CLASSES:
-        near = difflib.get_close_matches(task, TASK_CLASSES, n=3) or sorted(TASK_CLASSES)
         raise ParamsError(
-            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in {where}; the nearest "
-            f"names are {', '.join(near)}"
+            f"expected task to be a name of `porse tasks` or module:Class, found {task!r} in {where}; {near_tasks(task)}"
         )
 
 

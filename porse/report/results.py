@@ -96,7 +96,7 @@ def _answer(folder: Path) -> tuple[Params, list[Row], list[Row], list[Row], Eval
     iterations, candidates = _rows(folder, tables.ITERATIONS), _rows(folder, tables.CANDIDATES)
     if not iterations:
         raise PorseError(
-            f"expected an iteration in {folder / 'results' / 'iterations.parquet'}, found none; run `dvc repro` first"
+            f"expected an iteration in {folder / 'results' / 'iterations.parquet'}, found none; run `porse repro` first"
         )
     held = incumbents(iterations, candidates, params)
     winners = [row for row, _ in held]
@@ -128,7 +128,7 @@ def incumbents(iterations: Sequence[Row], candidates: Sequence[Row], params: Par
         name = (row["iteration"], row["winner_id"])
         if name not in by_id:
             raise PorseError(
-                f"expected the winner {name[1]} of iteration {name[0]} among the candidates, found no such row; the tables in results/ are of different runs: run `dvc repro`"
+                f"expected the winner {name[1]} of iteration {name[0]} among the candidates, found no such row; the tables in results/ are of different runs: run `porse repro`"
             )
         stays = params.fuse.incumbent == "best" and held and row["score"] <= held[-1][1]
         held.append(held[-1] if stays else (by_id[name], row["score"]))
@@ -147,10 +147,10 @@ def _json(path: Path) -> Mapping[str, Any] | None:
         return None
     except (OSError, ValueError) as error:
         raise PorseError(
-            f"expected a JSON object in {path}, found an unreadable file: {error}; run `dvc repro`"
+            f"expected a JSON object in {path}, found an unreadable file: {error}; run `porse repro`"
         ) from error
     if not isinstance(found, dict):
-        raise PorseError(f"expected a JSON object in {path}, found a {type(found).__name__}; run `dvc repro`")
+        raise PorseError(f"expected a JSON object in {path}, found a {type(found).__name__}; run `porse repro`")
     return found
 
 

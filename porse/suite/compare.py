@@ -64,21 +64,32 @@ class Figure:
         return math.fsum(last) / len(last)
 
 
-def compared(suite: Suite, folders: Folders, baseline: str, figures: Sequence[Figure]) -> list[dict[str, object]]:
+def compared(
+    suite: Suite, folders: Folders, baseline: str | None, figures: Sequence[Figure]
+) -> list[dict[str, object]]:
     """Returns a row of `COLUMNS` for each figure of each group of entries that differ by their seed alone.
 
     Args:
         suite: the suite.
         folders: where its results are; entries that are not done are left out.
-        baseline: the variant that others are compared with, where both are done.
+        baseline: the variant that others are compared with, where both are done; None where nobody named one.
         figures: what is compared.
 
     Raises:
-        PorseError: no variant has the baseline's name, or a run has no such figure.
+        PorseError: there are no variants, none has the baseline's name, or a run has no such figure.
     """
-    if baseline not in {entry.variant for entry in suite.entries}:
-        found = ", ".join(sorted({entry.variant for entry in suite.entries}))
-        raise PorseError(f"expected a variant of the suite {suite.name}, found {baseline!r}; it has {found}")
+    variants = sorted({entry.variant for entry in suite.entries})
+    if variants == [""]:
+        raise PorseError(
+            f"expected variants in the suite {suite.name}, found none; add `variants`, a name with its parameters for each, as "
+            "suites/beta-sweep.yaml does, or compare methods with `porse report --compare`"
+        )
+    if baseline not in variants:
+        found = "found no --baseline" if baseline is None else f"found {baseline!r}"
+        raise PorseError(
+            f"expected a variant of the suite {suite.name} that the others are compared with, {found}; its variants are "
+            f"{', '.join(map(repr, variants))}"
+        )
     groups: dict[tuple[str, str, str, str], list[Entry]] = {}
     for entry in suite.entries:
         if (folders.result(entry.name) / "done.json").exists():
