@@ -66,7 +66,9 @@ def read_inputs(path: Path) -> tuple[Inputs, Params]:
         document = json.loads(path.read_text(encoding="utf-8"))
         inputs = Inputs(document["parameters"], document["files"])
     except FileNotFoundError:
-        raise ParamsError(f"expected a stage's inputs in {path}, found no such file; run `porse repro resolve`") from None
+        raise ParamsError(
+            f"expected a stage's inputs in {path}, found no such file; run `porse repro resolve`"
+        ) from None
     except (ValueError, TypeError, KeyError):
         raise ParamsError(
             f"expected a stage's inputs in {path}, found something else; run `porse repro --force resolve`"

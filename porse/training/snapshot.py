@@ -39,7 +39,7 @@ def load_policy(ppo: PPO, checkpoint: Checkpoint, where: Path) -> None:
         ppo.critic.load_state_dict(tensors(checkpoint, "critic"))
     except RuntimeError as error:
         raise CheckpointError(
-            f"expected the networks of params.yaml (train.hidden) and of the task, found others in {where}: {' '.join(str(error).split())}; run `dvc repro`"
+            f"expected the networks of params.yaml (train.hidden) and of the task, found others in {where}: {' '.join(str(error).split())}; run `porse repro`"
         ) from error
 
 
