@@ -83,7 +83,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
             arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
     except FileNotFoundError:
         raise CheckpointError(
-            f"expected a checkpoint at {path}, found no such file; run `dvc repro` to make it"
+            f"expected a checkpoint at {path}, found no such file; run `porse repro` to make it"
         ) from None
     except (SafetensorError, ValueError, TypeError, AttributeError, OSError, RecursionError) as error:
         raise _damaged(path, f"a damaged file ({error})") from error
@@ -91,7 +91,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise _damaged(path, f"{type(scalars).__name__} where its scalars should be")
     if scalars.get("version") != VERSION:
         raise CheckpointError(
-            f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')!r}; delete it and run `dvc repro`"
+            f"expected a checkpoint of version {VERSION} at {path}, found {scalars.get('version')!r}; delete it and run `porse repro`"
         )
     checkpoint = Checkpoint(arrays, {key: value for key, value in scalars.items() if key != "version"})
     _check(checkpoint, path)
@@ -165,4 +165,4 @@ def _check(checkpoint: Checkpoint, path: Path) -> None:
 
 
 def _damaged(path: Path, found: str) -> CheckpointError:
-    return CheckpointError(f"expected a checkpoint at {path}, found {found}; delete it and run `dvc repro`")
+    return CheckpointError(f"expected a checkpoint at {path}, found {found}; delete it and run `porse repro`")

@@ -3,7 +3,8 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +22,9 @@ PROGRESS_VARIABLE, PLAN_VARIABLE = "PORSE_PROGRESS", "PORSE_PLAN"
 LOGS = Path("logs")
 HOW_ON = "run `porse repro` again, and it goes on with the stage that was at work"
 """What to do after Ctrl-C, in a stage and around it."""
+
+_ERROR = "Error: "
+"""Begins what a stage says when it fails; click writes it."""
 
 _INPUTS, _READ = "porse.inputs", "porse.inputs.read"
 
@@ -86,6 +90,16 @@ def begin() -> Params:
     check_unchanged(Path(), path, inputs, "since stage resolve wrote them down")
     numerics.apply(params.numerics)
     return params
+
+
+def error_in(lines: Sequence[str]) -> str:
+    """Returns the last error that a stage printed, as one line, of the lines of a log; empty where there is none."""
+    start = max((number for number, line in enumerate(lines) if line.startswith(_ERROR)), default=None)
+    if start is None:
+        return ""
+    # What DVC adds says only which stage it was.
+    own = takewhile(lambda line: not line.startswith("ERROR: "), lines[start:])
+    return " ".join(line.strip() for line in own).removeprefix(_ERROR)
 
 
 def write_manifest(logs: Path = LOGS) -> None:

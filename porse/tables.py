@@ -395,20 +395,20 @@ def read(path: Path, table: Table) -> list[Row]:
         arrow.validate(full=True)
     except FileNotFoundError:
         raise TableError(
-            f"expected the table {table.name} at {path}, found no such file; run `dvc repro` to make it"
+            f"expected the table {table.name} at {path}, found no such file; run `porse repro` to make it"
         ) from None
     except (pa.ArrowInvalid, OSError) as error:
         raise TableError(
-            f"expected the table {table.name} at {path}, found an unreadable file: {error}; delete it and run `dvc repro`"
+            f"expected the table {table.name} at {path}, found an unreadable file: {error}; delete it and run `porse repro`"
         ) from error
     if not arrow.schema.equals(table.schema):
         found = ", ".join(f"{field.name}: {field.type}" for field in arrow.schema)
         raise TableError(
-            f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `dvc repro`"
+            f"expected the columns of {table.name} (see `porse tables`), found {found} in {path}; the file is of another version, run `porse repro`"
         )
     rows: list[Row] = arrow.to_pylist()
     if fault := _fault(rows, table):
-        raise TableError(f"{fault} in {path}; no stage wrote it so: delete it and run `dvc repro`")
+        raise TableError(f"{fault} in {path}; no stage wrote it so: delete it and run `porse repro`")
     return rows
 
 

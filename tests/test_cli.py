@@ -107,7 +107,7 @@ def test_results_without_a_run_say_what_to_do(tmp_path):
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(committed_params()))
     done = porse("results", str(tmp_path))
     assert done.exit_code == 1
-    assert "iterations.parquet, found no such file; run `dvc repro` to make it" in done.output
+    assert "iterations.parquet, found no such file; run `porse repro` to make it" in done.output
 
 
 @pytest.mark.parametrize(

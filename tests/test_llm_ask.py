@@ -105,7 +105,11 @@ def test_miss_counts_all_and_names_the_first(store: Store) -> None:
     assert "and 2 more" in text
     assert text.count("(generate, iteration 1, reward") == 5
     assert request(sample=1).key not in text.split("nearest")[0]
-    assert "\n" not in text
+    # Keys and commands are on lines of their own, to be copied.
+    assert text.splitlines()[1:7] == [
+        *(f"  {request(sample=k).key} (generate, iteration 1, reward {k + 1})" for k in (0, 2, 3, 4, 5)),
+        "  and 2 more",
+    ]
 
 
 def test_miss_shows_the_nearest_record_field_by_field(store: Store) -> None:
@@ -151,12 +155,14 @@ def test_miss_of_the_longer_reply_names_that_request(store: Store) -> None:
 
 
 def test_miss_says_what_to_run_with_an_endpoint(store: Store) -> None:
-    with pytest.raises(CacheMiss, match=r"`MY_KEY=\.\.\. PORSE_LLM_MODE=record dvc repro`"):
+    with pytest.raises(CacheMiss, match=r"(?m)^  MY_KEY=\.\.\. PORSE_LLM_MODE=record porse repro$"):
         ask(questions(1), params("http://somewhere/v1", key_variable="MY_KEY"), store.cache_dir)
 
 
 def test_miss_says_what_to_run_without_an_endpoint(store: Store) -> None:
-    with pytest.raises(CacheMiss, match=r"`PORSE_LLM_MODE=batch dvc repro` and then `porse llm export`"):
+    with pytest.raises(
+        CacheMiss, match=r"(?m)^  PORSE_LLM_MODE=batch porse repro\n  porse llm export requests\.jsonl$"
+    ):
         ask(questions(1), params(), store.cache_dir)
 
 
@@ -178,7 +184,9 @@ def test_unknown_mode_is_named(store: Store, monkeypatch: pytest.MonkeyPatch) ->
 def test_batch_writes_all_open_requests(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PORSE_LLM_MODE", "batch")
     store.write(record(sample=1))
-    with pytest.raises(RepliesPending, match=r"none for 2: .*porse llm export .*porse llm import .*dvc repro"):
+    with pytest.raises(
+        RepliesPending, match=r"(?s)none for 2:\n.*\n  porse llm export .*\n  porse llm import .*\n  .*porse repro$"
+    ):
         ask(questions(3), params(), store.cache_dir)
     assert pending_keys(store) == {request(sample=0).key, request(sample=2).key}
     assert [path.name for path in store.cache_dir.iterdir()] == [request(sample=1).key[:2]]

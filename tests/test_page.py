@@ -647,7 +647,7 @@ def test_a_run_that_is_not_finished_and_a_page_that_cannot_be_written_are_said_i
     monkeypatch.chdir(root)
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(kills.tiny_params()))
     done = CliRunner().invoke(main, ["report", str(tmp_path)])
-    assert (done.exit_code, "iterations.parquet, found no such file; run `dvc repro`" in done.output) == (1, True)
+    assert (done.exit_code, "iterations.parquet, found no such file; run `porse repro`" in done.output) == (1, True)
     done = CliRunner().invoke(main, ["report", str(finished), "--no-film", "--out", str(tmp_path / "no" / "page.html")])
     assert (done.exit_code, "expected the folder" in done.output) == (1, True)
 

@@ -110,7 +110,7 @@ def test_text_that_is_no_utf_8_is_refused_with_the_file(tmp_path):
 
 
 def test_a_missing_a_damaged_and_a_foreign_file_are_told_apart(tmp_path):
-    with pytest.raises(TableError, match="no such file; run `dvc repro`"):
+    with pytest.raises(TableError, match="no such file; run `porse repro`"):
         tables.read(tmp_path / "none.parquet", tables.SCORES)
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and then nothing")
     with pytest.raises(TableError, match="unreadable"):

@@ -121,7 +121,7 @@ def test_the_command_prints_the_trends_of_the_folders_that_it_is_given(tmp_path,
 
 def test_a_folder_without_results_is_named(tmp_path):
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(tiny.committed_params()))
-    with pytest.raises(TableError, match=r"expected the table iterations at .*; run `dvc repro` to make it"):
+    with pytest.raises(TableError, match=r"expected the table iterations at .*; run `porse repro` to make it"):
         read_finished(tmp_path)
 
 

@@ -400,7 +400,7 @@ def test_results_of_a_fresh_clone_say_that_they_are_another_tasks(root, tmp_path
     # The tables are not in Git: all that there is to say is where they come from.
     said = run(clone, str(BIN / "porse"), "results", check=False, PYTHONPATH=str(clone)).stderr
     assert "another run" not in said
-    assert "results/iterations.parquet, found no such file; run `dvc repro` to make it" in said
+    assert "results/iterations.parquet, found no such file; run `porse repro` to make it" in said
     text = (clone / "params.yaml").read_text()
     (clone / "params.yaml").write_text(text.replace("task: Quadcopter", "task: Over"))
     done = run(clone, str(BIN / "porse"), "results", check=False, PYTHONPATH=str(clone))

@@ -109,30 +109,38 @@ def _cache_miss(missing: list[Question], params: LlmParams, store: Store) -> Cac
     profile = params.profiles[params.profile]
     if profile.base_url:
         key = f"{profile.key_variable}=... " if profile.key_variable else ""
-        command = f"`{key}PORSE_LLM_MODE=record dvc repro` to ask profile {params.profile!r}"
+        way = f"from profile {params.profile!r}"
+        commands = [f"{key}PORSE_LLM_MODE=record porse repro"]
     else:
-        command = (
-            f"`PORSE_LLM_MODE=batch dvc repro` and then `porse llm export`, since profile {params.profile!r} has no "
-            "endpoint"
-        )
-    nearest = describe_nearest(missing[0], summaries(store), store)
-    return CacheMiss(
-        f"Expected a recorded reply in {store.cache_dir} to every request, found none for {len(missing)}: "
-        f"{_named(missing)}. {nearest} If the prompts or the llm parameters were changed by "
-        f"mistake, change them back; to get new replies, run {command}; to go on without a model, set llm.on_miss to grammar."
-    )
+        way = f"in batch mode, since profile {params.profile!r} has no endpoint"
+        commands = ["PORSE_LLM_MODE=batch porse repro", "porse llm export requests.jsonl"]
+    lines = [
+        f"Expected a recorded reply in {store.cache_dir} to every request, found none for {len(missing)}:",
+        *_named(missing),
+        describe_nearest(missing[0], summaries(store), store),
+        "If the prompts or the llm parameters were changed by mistake, change them back.",
+        f"To get new replies {way}, run:",
+        *(f"  {command}" for command in commands),
+        "To go on without a model, set llm.on_miss to grammar.",
+    ]
+    return CacheMiss("\n".join(lines))
 
 
 def _replies_pending(missing: list[Question], params: LlmParams, store: Store) -> RepliesPending:
     add_pending(store, [open_request(question, params) for question in missing])
-    return RepliesPending(
-        f"Expected a recorded reply to every request, found none for {len(missing)}: {_named(missing)}. They are "
-        f"written to {store.state_dir / 'pending'}. Run `porse llm export requests.jsonl`, have them answered, run "
-        "`porse llm import answers.jsonl --answered-by TEXT --context fresh`, and then `dvc repro` again with PORSE_LLM_MODE=batch."
-    )
+    lines = [
+        f"Expected a recorded reply to every request, found none for {len(missing)}:",
+        *_named(missing),
+        f"They are written to {store.state_dir / 'pending'}. To go on, export them, have them answered, and import the answers:",
+        "  porse llm export requests.jsonl",
+        "  porse llm import answers.jsonl --answered-by TEXT --context fresh",
+        "  PORSE_LLM_MODE=batch porse repro",
+    ]
+    return RepliesPending("\n".join(lines))
 
 
-def _named(missing: list[Question]) -> str:
-    named = "; ".join(f"{question.request.key} ({question.origin})" for question in missing[:MAX_NAMED])
+def _named(missing: list[Question]) -> list[str]:
+    """Returns a line for each question, of many for the first."""
+    named = [f"  {question.request.key} ({question.origin})" for question in missing[:MAX_NAMED]]
     more = len(missing) - MAX_NAMED
-    return named + (f"; and {more} more" if more > 0 else "")
+    return [*named, f"  and {more} more"] if more > 0 else named

@@ -126,6 +126,6 @@ def _load(path: Path) -> OpenRequest:
 
 def _damaged(path: Path, found: str) -> str:
     return (
-        f"Expected an open request in {path}, found {found}. Delete the file and run `dvc repro` again with "
+        f"Expected an open request in {path}, found {found}. Delete the file and run `porse repro` again with "
         "PORSE_LLM_MODE=batch: the request is written anew."
     )

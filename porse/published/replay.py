@@ -23,6 +23,7 @@ from porse.published.causes import causes, changed_inputs
 from porse.published.check import REPLIES, read_params
 from porse.published.inputs import Changes
 from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, overlaps, put, read_locks
+from porse.stage import error_in
 from porse.suite.clone import DVC, copy_files, new_repository
 from porse.suite.resolve import tracked_files
 from porse.task_names import is_own, own_place
@@ -254,11 +255,10 @@ def _reproduce(scratch: Path, plan: Plan, profile: numerics.Profile, say: Callab
         code = process.wait()
     if not code:
         return ""
-    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
     stage = next((line for line in reversed(lines) if line.startswith("ERROR: ")), "")
     found = re.search(r"'([^']+)'", stage)
     named = f"{found[1].replace('iterations/', '').replace('/dvc.yaml:', '/')}: " if found else ""
-    return f"{named}{(errors or lines or [f'exit code {code}'])[-1]}"
+    return f"{named}{error_in(lines) or (lines or [f'exit code {code}'])[-1]}"
 
 
 def _difference(

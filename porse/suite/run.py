@@ -16,7 +16,7 @@ from porse.paths import python_of_stages
 from porse.pipeline import lock_files
 from porse.processes import die_with_parent
 from porse.repair import repair
-from porse.stage import LOGS
+from porse.stage import LOGS, error_in
 from porse.suite.clone import DVC, copy_files, fill_clone, new_clone
 from porse.suite.folders import Clone, Folders, folders_of, locked, read_json, write_json
 from porse.suite.plan import Suite
@@ -111,9 +111,7 @@ def failure(folders: Folders, name: str) -> str | None:
     if record is None:
         return None
     lines = record["last_lines"]
-    # A stage says what is wrong in a line of this form; what DVC adds says only which stage it was.
-    own = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-    return (own or lines or [f"exit code {record['exit_code']}"])[-1]
+    return error_in(lines) or (lines or [f"exit code {record['exit_code']}"])[-1]
 
 
 def _run_entry(

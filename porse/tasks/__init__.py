@@ -3,14 +3,13 @@
 A task's module is imported when it is asked for: a run depends on the code of its own task and of no other.
 """
 
-import difflib
 import importlib
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
 from porse.errors import TaskError
-from porse.task_names import TASK_CLASSES, is_own
+from porse.task_names import TASK_CLASSES, is_own, near_tasks
 
 if TYPE_CHECKING:
     from porse.sim.devices import Device
@@ -50,10 +49,7 @@ def find_task(name: str) -> type["Task"]:
 
         return find_own_task(name)
     if name not in TASKS:
-        near = difflib.get_close_matches(name, TASKS, n=3) or sorted(TASKS)
-        raise TaskError(
-            f"expected the name of a task, found {name!r}; the nearest names are {', '.join(near)}, and `porse tasks` lists all"
-        )
+        raise TaskError(f"expected the name of a task, found {name!r}; {near_tasks(name)} (`porse tasks`)")
     return TASKS[name]
 
 

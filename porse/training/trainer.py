@@ -104,7 +104,7 @@ class Trainer:
             set_draws(task.device, tensors(checkpoint, "ppo")["generator"])
         except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"expected the state of a training of {self._env.task.NAME} in {path}, found another ({reason_of(error)}); delete it and run `dvc repro`"
+                f"expected the state of a training of {self._env.task.NAME} in {path}, found another ({reason_of(error)}); delete it and run `porse repro`"
             ) from error
         self.epoch = checkpoint.scalars["epoch"]
 
