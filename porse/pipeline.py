@@ -116,7 +116,7 @@ def check_pipeline(root: Path, params: Params) -> None:
     if stale:
         raise ParamsError(
             f"expected {stale[0].relative_to(root)} to be what iterations, rungs, mutate.pool and fuse.pool of "
-            "params.yaml say, found it out of date; run `porse pipeline`, which writes it, or `porse repro`, which does so first"
+            "params.yaml say, found it out of date; `porse pipeline` writes it, and `porse repro` does so before it runs"
         )
 
 

@@ -88,11 +88,9 @@ def near_tasks(name: str) -> str:
     """Returns a clause for an error about the name of a task that is none: the nearest names, or all where none is near."""
     tasks = {task.lower(): task for task in TASK_CLASSES}
     near = [tasks[key] for key in difflib.get_close_matches(name.lower(), tasks, n=3)]
-    return (
-        f"the nearest names are {', '.join(near)}"
-        if near
-        else f"no name is near, all are {', '.join(sorted(TASK_CLASSES))}"
-    )
+    if near:
+        return f"the nearest names are {', '.join(near)}"
+    return f"no name is near, all are {', '.join(sorted(TASK_CLASSES))}"
 
 
 def own_place(task: str) -> str:

@@ -36,8 +36,8 @@ class Cell:
         task, label, figure: whose it is; the figure is one of `FIGURES`.
         seeds: of how many runs; those in which it is undefined count nowhere.
         mean, deviation: over them; the deviation is that of a sample, None for one.
-        low, high: ends of the interval of the mean over seeds, 95 % in name; of one run, of its episodes where it has an interval by itself,
-            else None.
+        low, high: ends of the interval of the mean over seeds, 95 % in name; of one run, of its episodes where it has an
+            interval by itself, else None.
         difference, difference_low, difference_high: mean difference to the baseline, seed by seed, and its interval.
         paper: what the paper has in its place, None for nothing.
     """

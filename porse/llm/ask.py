@@ -131,7 +131,7 @@ def _replies_pending(missing: list[Question], params: LlmParams, store: Store) -
     lines = [
         f"Expected a recorded reply to every request, found none for {len(missing)}:",
         *_named(missing),
-        f"They are written to {store.state_dir / 'pending'}. To go on, export them, have them answered, and import the answers:",
+        f"They are written to {store.state_dir / 'pending'}. To go on, export them, have them answered, and import that:",
         "  porse llm export requests.jsonl",
         "  porse llm import answers.jsonl --answered-by TEXT --context fresh",
         "  PORSE_LLM_MODE=batch porse repro",

@@ -119,7 +119,8 @@ def paired(differences: Sequence[float]) -> dict[str, float | None]:
 def mean_interval(values: Sequence[float]) -> tuple[float, float | None, float | None]:
     """Returns the mean of values, at least one, and the ends of its interval, 95 % in name (BCa bootstrap, SciPy).
 
-    Of three values it covers about 70 %, of five about 84 %. The ends are None for fewer than two values; they are the mean itself where all values are equal.
+    Of three values it covers about 70 %, of five about 84 %. The ends are None for fewer than two values; they are the mean
+    itself where all values are equal.
     """
     mean = math.fsum(values) / len(values)
     if len(values) < 2:
