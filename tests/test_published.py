@@ -220,7 +220,7 @@ def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside, mo
     play.main(["tiny"], standalone_mode=False)
     assert (asked["out"], asked["seconds"]) == (None, 10.0)
     play.main(["Over"], standalone_mode=False)
-    assert [asked[name] for name in names] == ["Over", None, Path("params.yaml"), None, 10.0]
+    assert [asked[name] for name in names] == ["Over", None, None, None, 10.0]
     params = command._params(folder)
     assert digest(command.shows.winners_policy(folder / "run", params)) == digest(
         Path("run/result/start/policies/best.safetensors")
