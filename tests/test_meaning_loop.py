@@ -26,6 +26,7 @@ from porse.training.vecenv import observation_groups
 class Standing:
     """Three environments in which nothing moves and nothing ends."""
 
+    NAME = "Standing"
     NUM_ACTIONS, NUM_OBSERVATIONS, EPISODE_LENGTH, OVER_EPISODES, num_envs = 1, 1, 9, False, 3
     device, is_asynchronous = torch.device("cpu"), False
 
