@@ -513,3 +513,6 @@ def _check_rungs(params: Params, where: str) -> None:
         raise ParamsError(wrong("fuse.pool", "an elimination that keeps one candidate", params.fuse.pool, where))
     if params.mutate.pool not in sizes:
         raise ParamsError(wrong("mutate.pool", f"one of {', '.join(sizes)}", params.mutate.pool, where))
+    if params.mutate.pool == "validate-code" and params.mutate.mutants:
+        expected = "an elimination where mutate.mutants is above 0: no candidate of validate-code has trained"
+        raise ParamsError(wrong("mutate.pool", expected, params.mutate.pool, where))

@@ -15,8 +15,8 @@ from click.core import ParameterSource
 
 from porse.errors import PorseError
 
-COMMAND_LINE = "the command line"
-"""Where a value is that was typed, in errors."""
+ARGUMENT = "the argument TASK"
+"""Where a task is that was named on the command line, in errors."""
 
 
 def check_target(path: Path, suffixes: Iterable[str], option: str = "--out") -> None:

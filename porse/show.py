@@ -14,7 +14,7 @@ import click
 
 from porse.config import load_document, parse_params, presets_root
 from porse.errors import PorseError
-from porse.paths import COMMAND_LINE, check_target
+from porse.paths import ARGUMENT, check_target
 from porse.presets import check_task_name
 from porse.printing import echo
 from porse.report.results import params_file, winners_policy
@@ -116,7 +116,7 @@ def _shot(command: Any) -> Any:
 @_shot
 def render(task: str, out: Path, seconds: float, width: int, height: int, view: Any, seed: int) -> None:
     """Draw TASK at an episode's start, or moving under random actions."""
-    check_task_name(task, COMMAND_LINE)
+    check_task_name(task, ARGUMENT)
     check_target(out, (".png", *FILMS))
     _check_film(seconds, width, height)
     choose_renderer()
@@ -167,7 +167,7 @@ def play(
     seed: int,
 ) -> None:
     """Show a policy, or random actions, on TASK: in the viewer, or as a .gif where there is no display."""
-    check_task_name(task, COMMAND_LINE)
+    check_task_name(task, ARGUMENT)
     if out is not None:
         check_target(out, FILMS)
     in_viewer = out is None and has_display()

@@ -67,6 +67,7 @@ def test_the_committed_parameters_load(params):
         ("rungs", [{"rung": 1, "pool": "eliminate-9", "until": 1, "keep": 1}], ["rungs[0].pool", "validate-code"]),
         ("rungs", [{"rung": 1, "pool": "validate-code", "until": 1, "keep": 2}], ["fuse.pool", "keeps one"]),
         ("mutate.pool", "eliminate-4", ["rungs[3].pool", "eliminate-3"]),
+        ("mutate.pool", "validate-code", ["mutate.pool", "an elimination where mutate.mutants is above 0"]),
     ],
 )
 def test_a_wrong_value_is_named_with_what_was_expected(document, name, value, words):

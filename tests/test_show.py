@@ -206,7 +206,7 @@ def test_another_kind_of_file_and_an_unknown_task_are_refused(shown):
         1, "Error: expected --out to end in .png or .gif or .mp4, found pen.webp; choose one of them\n",
     )  # fmt: skip
     assert results["nothing.png"][0] == 1
-    assert "found 'Penn' in the command line; the nearest names are Pen" in results["nothing.png"][1]
+    assert "found 'Penn' in the argument TASK; the nearest names are Pen" in results["nothing.png"][1]
     assert not (folder / "nothing.png").exists()
 
 

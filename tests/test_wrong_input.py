@@ -52,7 +52,7 @@ def test_a_task_that_is_none_is_refused_with_the_nearest_names(words, tmp_path, 
     done = porse(words[0], "quadcoptre", *words[1:])
     assert (done.exit_code, done.output) == (
         1,
-        "Error: expected task to be a name of `porse tasks` or module:Class, found 'quadcoptre' in the command line; the "
+        "Error: expected task to be a name of `porse tasks` or module:Class, found 'quadcoptre' in the argument TASK; the "
         "nearest names are Quadcopter\n",
     )
 
