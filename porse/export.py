@@ -15,6 +15,7 @@ from porse.errors import PorseError
 from porse.paths import check_target
 from porse.printing import echo
 from porse.report.results import params_file, winners_policy
+from porse.show import import_without_drawing
 
 OPSET = 18
 """Of ONNX: what rsl-rl writes."""
@@ -48,6 +49,7 @@ def export(run: Path, onnx: bool, torchscript: bool, path: Path | None, out: Pat
     check_target(target, (SUFFIXES[form],))
     policy = winners_policy(run, params) if run.is_dir() else run
     numerics.apply(params.numerics)
+    import_without_drawing()
     write_policy(target, form, params.task, policy, params.train)
     echo(f"{target}: the policy of {policy}, {target.stat().st_size / 1024:.0f} KiB")
 

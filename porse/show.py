@@ -2,13 +2,15 @@
 
 import ctypes
 import ctypes.util
+import functools
 import math
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 import click
 
@@ -36,6 +38,24 @@ with mujoco.Renderer(model, 24, 32) as renderer:
 """
 
 _DRAW_S = 60
+
+_Arguments = ParamSpec("_Arguments")
+
+
+def _explains(command: Callable[_Arguments, None]) -> Callable[_Arguments, None]:
+    """Has a command that failed say so where nothing can be drawn here: each renderer fails in its own way, some on import."""
+
+    @functools.wraps(command)
+    def explaining(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> None:
+        try:
+            command(*arguments, **named)
+        except PorseError:
+            raise
+        except Exception:
+            draws()
+            raise
+
+    return explaining
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -114,6 +134,7 @@ def _shot(command: Any) -> Any:
 )
 @click.option("--seconds", default=2.0, show_default=True, callback=_seconds, help="Length of a film.")
 @_shot
+@_explains
 def render(task: str, out: Path, seconds: float, width: int, height: int, view: Any, seed: int) -> None:
     """Draw TASK at an episode's start, or moving under random actions."""
     check_task_name(task, ARGUMENT)
@@ -155,6 +176,7 @@ def render(task: str, out: Path, seconds: float, width: int, height: int, view: 
 )
 @click.option("--seconds", default=10.0, show_default=True, callback=_seconds, help="How long it is shown.")
 @_shot
+@_explains
 def play(
     task: str,
     checkpoint: Path | None,

@@ -6,6 +6,8 @@
 
 # A stage ends with who started it, and would not see it end before this line (stages/__init__.py).
 export PORSE_PARENT="$PPID"
+# A stage draws nothing, and MuJoCo does not load where MUJOCO_GL names what is not there.
+export MUJOCO_GL=disable
 
 if [ -n "$PORSE_PYTHON" ]; then
     if ! command -v "$PORSE_PYTHON" >/dev/null 2>&1; then

@@ -21,10 +21,10 @@ NAMES = ("-c", "user.name=t", "-c", "user.email=t@t")
 
 
 def python_at(folder: Path) -> Path:
-    """Makes an environment whose Python says where it is and who started it."""
+    """Makes an environment whose Python says where it is, who started it and what MuJoCo may draw with."""
     path = folder / "bin" / "python"
     path.parent.mkdir(parents=True)
-    path.write_text(f'#!/bin/sh\necho "{folder.name} $1 $PORSE_PARENT"\n')
+    path.write_text(f'#!/bin/sh\necho "{folder.name} $1 $PORSE_PARENT $MUJOCO_GL"\n')
     path.chmod(0o755)
     return path
 
@@ -37,9 +37,9 @@ def found_in(folder: Path, **environment: str) -> subprocess.CompletedProcess[st
 
 def test_the_environment_of_this_folder_or_of_one_above_runs_stages(tmp_path):
     python_at(tmp_path / ".venv")
-    inside = found_in(tmp_path / "a folder" / "exps" / "tmp1")
+    inside = found_in(tmp_path / "a folder" / "exps" / "tmp1", MUJOCO_GL="osmesa")
     # The parent of the shell is the parent of the stage that takes its place.
-    assert inside.stdout == f".venv -m {os.getpid()}\n"
+    assert inside.stdout == f".venv -m {os.getpid()} disable\n"
     python_at(tmp_path / "a folder" / ".venv")
     assert found_in(tmp_path / "a folder").returncode == 0
 

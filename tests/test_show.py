@@ -18,7 +18,7 @@ from porse.config import parse_params
 from porse.errors import PorseError
 from porse.pool import BEST, policy_file
 from porse.training.start import random_policy
-from tiny import committed_params
+from tiny import BIN, committed_params
 
 RUN = """
 import json, sys
@@ -225,6 +225,21 @@ def test_the_renderer_is_the_one_that_is_there_and_the_users_choice_goes_first(m
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     show.choose_renderer()
     assert os.environ["MUJOCO_GL"] == "glfw"
+
+
+@pytest.mark.parametrize(
+    "command", [["render", "Quadcopter", "--out", "a.png"], ["play", "Quadcopter", "--out", "a.gif"]]
+)
+def test_a_renderer_that_is_not_there_is_named(tmp_path, command):
+    done = subprocess.run(
+        [BIN / "porse", *command], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "MUJOCO_GL": "vulkan"},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        "Error: expected vulkan to draw a picture, found RuntimeError: invalid value for environment variable MUJOCO_GL: "
+        "vulkan; install libegl1 or libosmesa6, or set MUJOCO_GL to egl or osmesa\n"
+    )
 
 
 @drawn

@@ -12,6 +12,7 @@ from porse.bench.figure import Figure, Suite
 from porse.bench.machine import described, machine
 from porse.bench.table import TABLE
 from porse.printing import echo, print_line
+from porse.show import import_without_drawing
 
 _NAME_WIDTH = max(len(measure.name) for measure in TABLE)
 
@@ -37,6 +38,7 @@ _NAME_WIDTH = max(len(measure.name) for measure in TABLE)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def bench(chosen: str, rounds: int, params: Path, cache: Path, as_json: bool) -> None:
     """Measure how close simulation, training, commands and replies come to what they are compared with; six minutes in all."""
+    import_without_drawing()
     found = machine()
     suites = [suite for suite in get_args(Suite) if chosen in (suite, "all")]
     measured = (figure for suite in suites for figure in figures_of(suite, rounds, params, cache))

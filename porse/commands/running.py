@@ -11,6 +11,7 @@ from porse.config import load_params
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.printing import echo
 from porse.repro import check_start, reproduce
+from porse.show import import_without_drawing
 
 
 @click.command("pipeline")
@@ -62,6 +63,7 @@ def run_at_once(out: Path, path: Path, prompts: Path, cache: Path) -> None:
     # Before torch is imported.
     numerics.apply(params.numerics)
     check_start(params)
+    import_without_drawing()
     from porse.generation.states import checker
     from porse.iteration import Place, run
 
