@@ -298,20 +298,25 @@ def test_a_run_that_was_changed_or_never_was_is_not_published(inside, tmp_path):
     assert [path.name for path in published_folders(Path())] == ["tiny"]
 
 
-def test_a_run_that_was_stopped_on_its_way_is_not_published(inside):
-    lock = Path("iterations/1/dvc.lock")
-    original = lock.read_text()
-    md5 = {stage.name: stage for stage in read_locks(Path())}["1/train-population-2"].outs["run/1/train-2"]
-    try:
+@pytest.mark.parametrize(
+    ("lock", "name", "part", "path", "message"),
+    [
         # As after a new training, before the elimination behind it.
-        lock.write_text(original.replace(md5, f"{'0' * 32}.dir", 1))
+        ("iterations/1", "1/train-population-2", "outs", "run/1/train-2", "stage 1/eliminate-2 has not run since run/1/train-2 "),
+        # As after the last iteration, before the evaluation.
+        ("", "evaluate", "deps", "run", "stage evaluate has not run since run changed"),
+    ],
+)  # fmt: skip
+def test_a_run_that_was_stopped_on_its_way_is_not_published(inside, lock, name, part, path, message):
+    lock = Path(lock) / "dvc.lock"
+    original = lock.read_text()
+    stage = next(stage for stage in read_locks(Path()) if stage.name == name)
+    try:
+        lock.write_text(original.replace(getattr(stage, part)[path], f"{'0' * 32}.dir", 1))
         done = porse("publish", ".", "b")
     finally:
         lock.write_text(original)
-    assert (done.exit_code, "the stage 1/eliminate-2 has not run since run/1/train-2 changed" in done.output) == (
-        1,
-        True,
-    )
+    assert (done.exit_code, message in done.output) == (1, True), done.output
 
 
 def test_what_does_not_fit_into_git_is_left_out_the_winner_last(inside, tmp_path, monkeypatch):

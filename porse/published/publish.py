@@ -27,7 +27,7 @@ from porse.published.card import card
 from porse.published.check import REPLIES, check_content
 from porse.published.fetch import is_name
 from porse.published.inputs import parse_inputs
-from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, is_output, put, read_locks
+from porse.published.locks import INPUTS, RESOLVE, Shelf, Stage, digest, is_output, overlaps, put, read_locks
 from porse.published.manifest import FOLDER, MANIFEST, MOST_GIT_BYTES, OUTPUTS, OUTPUTS_FILE, make_manifest
 from porse.report.answer import Fact
 from porse.report.page import no_film, page_of, render
@@ -204,10 +204,11 @@ def _check_unchanged(source: Source) -> None:
 
 def _check_finished(source: Source) -> None:
     """Checks that each stage read what the stages before it left: a run that was stopped on its way has entries of two runs."""
-    made: dict[str, str] = {}
+    whole = _whole_run(source)
+    made = {RUN: whole}
     for stage in source.stages:
-        # What `resolve` reads nobody makes, and the folder `run` is made by all stages together.
-        read = {path: md5 for path, md5 in stage.deps.items() if stage.name != RESOLVE and path != RUN}
+        # What `resolve` reads nobody makes.
+        read = {path: md5 for path, md5 in stage.deps.items() if stage.name != RESOLVE and (path != RUN or whole)}
         old = next((path for path, md5 in read.items() if made.get(path) != md5), None)
         if old is not None:
             raise PorseError(
@@ -215,6 +216,14 @@ def _check_finished(source: Source) -> None:
                 f"{old} changed; run `porse repro`, which finishes it"
             )
         made |= stage.outs
+
+
+def _whole_run(source: Source) -> str:
+    """Returns the MD5 of the folder `run`, which many stages make together; empty where not all of it lies there as they left it."""
+    left = {path: md5 for stage in source.stages for path, md5 in stage.outs.items() if overlaps(path, RUN)}
+    if all(is_output(source.folder / path, md5) for path, md5 in left.items()):
+        return digest(source.folder / RUN)
+    return ""
 
 
 def _gone(source: Source, path: str) -> PorseError:
