@@ -130,7 +130,7 @@ python -m porse.report.learning .porse/suites/learning/results docs
 python -m porse.report.trained .porse/suites/learning/results docs/trained
 ```
 
-These commands train each task with its human reward for as many epochs as a winning lineage of its preset has, and five tasks for
+These commands train each task with its human reward for as many epochs as a winning lineage of its preset has, and six tasks for
 up to three times as many. They write [learning.csv](learning.csv), [learning-curves.csv](learning-curves.csv), and pictures of
 the trained policies. The page of each task shows its pictures and curves; [what human rewards teach](learning.md) says in words
 what learns, and why the rest does not.
