@@ -1,5 +1,8 @@
 """`porse export`: the actions of the file are those of the checkpoint, statistics and clipping included."""
 
+import os
+import subprocess
+
 import numpy as np
 import onnx
 import pytest
@@ -15,7 +18,7 @@ from porse.pool import BEST, policy_file
 from porse.tasks import make_task
 from porse.training.actor import policy_actor
 from porse.training.start import random_policy
-from tiny import committed_params
+from tiny import BIN, committed_params
 
 # One is far out, where normalised observations are cut off, and so are actions.
 SCALES = (0.1, 1.0, 50.0)
@@ -89,6 +92,15 @@ def test_onnx_acts_as_the_checkpoint_does_for_any_number_of_observations(run, ex
     np.testing.assert_allclose(found, actions, rtol=0, atol=2e-5)
     [one] = evaluator.run(None, {"obs": observations[:1]})
     assert one.shape == (1, 12)
+
+
+def test_a_renderer_that_is_not_there_stops_nothing_that_draws_nothing(run, tmp_path, root):
+    done = subprocess.run(
+        [BIN / "porse", "export", run, "--torchscript", "--out", tmp_path / "a.pt"],
+        cwd=root, env={**os.environ, "MUJOCO_GL": "vulkan"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.pt").exists()
 
 
 def test_what_cannot_be_written_is_refused_before_any_work(run, tmp_path, root, monkeypatch):
