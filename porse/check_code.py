@@ -10,7 +10,7 @@ import click
 from porse.functions.read.confine import Limits
 from porse.functions.read.sandbox import Sandbox
 from porse.functions.verdict import Kind, Verdict
-from porse.paths import ARGUMENT
+from porse.paths import TASK_ARGUMENT
 from porse.presets import check_task_name
 from porse.printing import echo
 
@@ -29,7 +29,7 @@ def check_code(task: str, rewards: tuple[str, ...], mappings: tuple[str, ...], a
     files: list[tuple[str, Kind]] = [*((name, "reward") for name in rewards), *((name, "mapping") for name in mappings)]
     if not files:
         raise click.UsageError("expected --reward FILE or --mapping FILE, found neither; name at least one file")
-    check_task_name(task, ARGUMENT)
+    check_task_name(task, TASK_ARGUMENT)
     verdicts = _verdicts(task, [(_read(name), kind) for name, kind in files])
     for (name, kind), verdict in zip(files, verdicts, strict=True):
         echo(json.dumps({"file": name, "kind": kind, **asdict(verdict)}) if as_json else _line(name, verdict))

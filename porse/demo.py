@@ -18,11 +18,11 @@ from porse.config import load_document, parse_params
 from porse.documents import read_yaml, render_yaml
 from porse.errors import PorseError
 from porse.printing import echo
+from porse.renderer import has_display, no_renderer
 from porse.report.markdown import results_table
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
 from porse.repro import check_start
-from porse.show import has_display, no_renderer
 from porse.stage import LOGS, write_manifest
 
 SMOKE = Path(__file__).with_name("smoke.yaml")

@@ -25,9 +25,9 @@ from porse.paths import has_own_package, project_root
 from porse.pipeline import check_pipeline
 from porse.printing import echo
 from porse.processes import memory_mib
+from porse.renderer import draws
 from porse.report.answer import author_of
 from porse.repro import has_source_control
-from porse.show import draws
 from porse.training.limits import WORKERS_VARIABLE, cpus, workers
 from porse.training.memory import check_memory
 

@@ -21,6 +21,7 @@ from porse.llm.store import Store
 from porse.llm_estimate import REPAIRS, estimated, planned_questions
 from porse.plan import EVALUATE, planned
 from porse.printing import echo
+from porse.renderer import import_without_drawing
 from porse.search.elimination import how_many_go_on
 from porse.search.lengths import alpha_is_searched, probe_trainings, rung_epochs
 from porse.search.schedule import first_candidates, is_searched, mutants, total_epochs, work
@@ -314,6 +315,7 @@ def estimate(
     params = parse_params(changed(load_document(path), assignments), str(path))
     # Before torch is imported.
     numerics.apply(params.numerics)
+    import_without_drawing()
     replies, recorded = _replies(params, prompts, cache)
     limits = limits_from_environment()
     if workers or is_on_gpu(params.device):

@@ -14,8 +14,8 @@ from porse.config import TrainParams, load_params, presets_root
 from porse.errors import PorseError
 from porse.paths import check_target
 from porse.printing import echo
+from porse.renderer import import_without_drawing
 from porse.report.results import params_file, winners_policy
-from porse.show import import_without_drawing
 
 OPSET = 18
 """Of ONNX: what rsl-rl writes."""

@@ -22,6 +22,7 @@ from porse.llm.request import LONGER_FACTOR, Message, Origin, request_of
 from porse.llm.stats import text_table
 from porse.llm.store import Store
 from porse.printing import echo
+from porse.renderer import import_without_drawing
 
 BYTES_PER_TOKEN = 4.0
 """Of English and code, where nobody counted tokens."""
@@ -92,6 +93,7 @@ def estimate(cache_dir: Path, params_path: Path, profile: str | None, prompts: P
     params = dataclasses.replace(params, llm=with_profile(params.llm, profile))
     store = Store(cache_dir)
     records = [record for key in store.all_keys() if (record := store.read(key)) is not None]
+    import_without_drawing()
     lines = estimated(planned_questions(params, prompts), records, params)
     if as_json:
         rows = [{**dataclasses.asdict(line), **_numbers([line], params)} for line in lines]

@@ -15,7 +15,7 @@ from click.core import ParameterSource
 
 from porse.errors import PorseError
 
-ARGUMENT = "the argument TASK"
+TASK_ARGUMENT = "the argument TASK"
 """Where a task is that was named on the command line, in errors."""
 
 

@@ -1,13 +1,8 @@
 """`porse render` and `porse play`: a task as a picture, as a moving picture, or in MuJoCo's viewer."""
 
-import ctypes
-import ctypes.util
 import functools
 import math
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -16,9 +11,10 @@ import click
 
 from porse.config import load_document, parse_params, presets_root
 from porse.errors import PorseError
-from porse.paths import ARGUMENT, check_target
+from porse.paths import TASK_ARGUMENT, check_target
 from porse.presets import check_task_name
 from porse.printing import echo
+from porse.renderer import choose_renderer, draws, has_display
 from porse.report.results import params_file, winners_policy
 
 LONGEST_FILM_S, LONGEST_VIEW_S = 120.0, 86_400.0
@@ -26,18 +22,6 @@ MOST_FILM_MIB, _FRAMES_PER_SECOND = 4096, 25
 """The frames of a .gif are held in memory, 13 MiB a second at the default size."""
 
 FILMS = (".gif", ".mp4")
-
-_DRAW = """
-import mujoco
-model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light pos='0 0 3'/><geom size='1'/></worldbody></mujoco>")
-data = mujoco.MjData(model)
-mujoco.mj_forward(model, data)
-with mujoco.Renderer(model, 24, 32) as renderer:
-    renderer.update_scene(data)
-    assert renderer.render().any(), "the picture is black"
-"""
-
-_DRAW_S = 60
 
 _Arguments = ParamSpec("_Arguments")
 
@@ -137,7 +121,7 @@ def _shot(command: Any) -> Any:
 @_explains
 def render(task: str, out: Path, seconds: float, width: int, height: int, view: Any, seed: int) -> None:
     """Draw TASK at an episode's start, or moving under random actions."""
-    check_task_name(task, ARGUMENT)
+    check_task_name(task, TASK_ARGUMENT)
     check_target(out, (".png", *FILMS))
     _check_film(seconds, width, height)
     choose_renderer()
@@ -189,7 +173,7 @@ def play(
     seed: int,
 ) -> None:
     """Show a policy, or random actions, on TASK: in the viewer, or as a .gif where there is no display."""
-    check_task_name(task, ARGUMENT)
+    check_task_name(task, TASK_ARGUMENT)
     if out is not None:
         check_target(out, FILMS)
     in_viewer = out is None and has_display()
@@ -223,79 +207,3 @@ def play(
     target = out or Path(f"{shown.NAME}.gif")
     write_film(target, shown, actor, seconds, Shot(width, height, view))
     echo(f"{target}: {shown.NAME}, {seconds:g} s")
-
-
-def has_display() -> bool:
-    """Returns whether a window can be opened: DISPLAY may name an X server that is no more."""
-    if sys.platform == "darwin":
-        return True
-    if not os.environ.get("DISPLAY"):
-        return False
-    name = ctypes.util.find_library("X11")
-    if name is None:
-        return False
-    x11 = ctypes.CDLL(name)
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
-    display = x11.XOpenDisplay(None)
-    if display:
-        x11.XCloseDisplay(display)
-    return bool(display)
-
-
-def choose_renderer() -> None:
-    """Names the renderer that works without a display, before MuJoCo is imported; MUJOCO_GL goes first.
-
-    Raises:
-        PorseError: there is no display, and neither EGL nor OSMesa.
-    """
-    if os.environ.get("MUJOCO_GL") or has_display():
-        return
-    for library, name in (("EGL", "egl"), ("OSMesa", "osmesa")):
-        if ctypes.util.find_library(library):
-            os.environ["MUJOCO_GL"] = name
-            return
-    raise PorseError("expected a display, EGL or OSMesa to draw with, found none; install libegl1 or libosmesa6")
-
-
-def draws() -> str:
-    """Draws a small picture in a process of its own, and returns the name of what drew it.
-
-    Raises:
-        PorseError: nothing can draw here, or what was chosen does not.
-    """
-    choose_renderer()
-    back_end = os.environ.get("MUJOCO_GL") or "the display"
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", _DRAW], capture_output=True, text=True, check=False, timeout=_DRAW_S
-        )
-    except subprocess.TimeoutExpired:
-        found = f"nothing after {_DRAW_S} s"
-    else:
-        if not done.returncode:
-            return back_end
-        found = (done.stderr.strip().splitlines() or [f"that the process ended with {done.returncode}"])[-1]
-    raise PorseError(
-        f"expected {back_end} to draw a picture, found {found}; install libegl1 or libosmesa6, or set MUJOCO_GL to "
-        "egl or osmesa"
-    )
-
-
-def no_renderer() -> str:
-    """Returns why nothing can be drawn here, empty where it can; called before MuJoCo is imported.
-
-    MuJoCo is imported without a renderer then: it looks for what MUJOCO_GL names, and the import fails where that is not there.
-    """
-    try:
-        draws()
-    except PorseError as error:
-        os.environ["MUJOCO_GL"] = "disable"
-        return str(error)
-    return ""
-
-
-def import_without_drawing() -> None:
-    """Sees to it that MuJoCo can be imported by who draws nothing; without MUJOCO_GL it always can, and nothing is tried."""
-    if os.environ.get("MUJOCO_GL"):
-        no_renderer()

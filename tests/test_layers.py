@@ -14,7 +14,7 @@ from porse.pipeline import check_pipeline
 
 LAYERS: list[set[str]] = [
     {"errors", "helpers", "identity", "processes", "quiet_dvc", "task_names", "variables"},
-    {"paths", "printing"},
+    {"paths", "printing", "renderer"},
     {"methods", "conversion", "documents", "tables", "checkpoint"},
     {"presets"},
     {"config"},

@@ -195,7 +195,7 @@ def test_runs_are_listed(inside):
 
 def test_the_page_is_shown_and_a_name_that_is_none_is_a_sentence(inside, monkeypatch):
     opened = []
-    monkeypatch.setattr(command.shows, "has_display", lambda: True)
+    monkeypatch.setattr(command.renderer, "has_display", lambda: True)
     monkeypatch.setattr(command.webbrowser, "open", lambda address: opened.append(address) or True)
     assert porse("show", "tiny").exit_code == 0
     assert opened == [(inside / "published" / "tiny" / "report.html").as_uri()]
@@ -207,7 +207,7 @@ def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside, mo
     asked = {}
     play = copy.copy(command.play)
     play.callback = command._with_published(lambda **values: asked.update(values))
-    monkeypatch.setattr(command.shows, "has_display", lambda: False)
+    monkeypatch.setattr(command.renderer, "has_display", lambda: False)
     play.main(["tiny"], standalone_mode=False)
     folder = Path("published") / "tiny"
     names = ("task", "checkpoint", "path", "out", "seconds")
@@ -216,7 +216,7 @@ def test_the_winner_plays_under_the_runs_name_with_its_own_parameters(inside, mo
     ]  # fmt: skip
     play.main(["tiny", "--out", "a.mp4", "--seconds", "7"], standalone_mode=False)
     assert (asked["out"], asked["seconds"]) == (Path("a.mp4"), 7.0)
-    monkeypatch.setattr(command.shows, "has_display", lambda: True)
+    monkeypatch.setattr(command.renderer, "has_display", lambda: True)
     play.main(["tiny"], standalone_mode=False)
     assert (asked["out"], asked["seconds"]) == (None, 10.0)
     play.main(["Over"], standalone_mode=False)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from porse import show
+from porse import renderer
 from porse.checkpoint import write_checkpoint
 from porse.config import parse_params
 from porse.errors import PorseError
@@ -212,18 +212,18 @@ def test_another_kind_of_file_and_an_unknown_task_are_refused(shown):
 
 def test_the_renderer_is_the_one_that_is_there_and_the_users_choice_goes_first(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(show.sys, "platform", "linux")
+    monkeypatch.setattr(renderer.sys, "platform", "linux")
     for found, expected in (({"EGL", "OSMesa"}, "egl"), ({"OSMesa"}, "osmesa")):
         monkeypatch.setenv("MUJOCO_GL", "")
         monkeypatch.setattr(ctypes.util, "find_library", lambda name, found=found: name if name in found else None)
-        show.choose_renderer()
+        renderer.choose_renderer()
         assert os.environ["MUJOCO_GL"] == expected
     monkeypatch.setenv("MUJOCO_GL", "")
     monkeypatch.setattr(ctypes.util, "find_library", lambda name: None)
     with pytest.raises(PorseError, match="libegl1 or libosmesa6"):
-        show.choose_renderer()
+        renderer.choose_renderer()
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    show.choose_renderer()
+    renderer.choose_renderer()
     assert os.environ["MUJOCO_GL"] == "glfw"
 
 
@@ -240,6 +240,15 @@ def test_a_renderer_that_is_not_there_is_named(tmp_path, command):
         "Error: expected vulkan to draw a picture, found RuntimeError: invalid value for environment variable MUJOCO_GL: "
         "vulkan; install libegl1 or libosmesa6, or set MUJOCO_GL to egl or osmesa\n"
     )
+
+
+@pytest.mark.parametrize("command", [["estimate", "--seconds", "0.1"], ["llm", "estimate"]])
+def test_a_renderer_that_is_not_there_stops_nothing_that_draws_nothing(root, command):
+    done = subprocess.run(
+        [BIN / "porse", *command], cwd=root, capture_output=True, text=True, check=False,
+        env={**os.environ, "MUJOCO_GL": "vulkan"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 @drawn

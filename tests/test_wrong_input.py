@@ -11,7 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from porse import show
+from porse import renderer, show
 from porse.cli import main
 from porse.errors import PorseError
 from porse.inputs.resolve import resolve_inputs
@@ -168,11 +168,11 @@ def test_a_source_archive_without_git_says_what_to_do(tmp_path):
 
 
 def test_a_display_that_does_not_answer_is_none(monkeypatch):
-    monkeypatch.setattr(show.sys, "platform", "linux")
+    monkeypatch.setattr(renderer.sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":4093")
-    assert not show.has_display()
+    assert not renderer.has_display()
     monkeypatch.delenv("DISPLAY")
-    assert not show.has_display()
+    assert not renderer.has_display()
 
 
 @click.command()

@@ -12,7 +12,7 @@ from porse.bench.figure import Figure, Suite
 from porse.bench.machine import described, machine
 from porse.bench.table import TABLE
 from porse.printing import echo, print_line
-from porse.show import import_without_drawing
+from porse.renderer import import_without_drawing
 
 _NAME_WIDTH = max(len(measure.name) for measure in TABLE)
 

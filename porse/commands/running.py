@@ -10,8 +10,8 @@ from porse.commands import EXISTING, FOLDER, with_params
 from porse.config import load_params
 from porse.pipeline import check_pipeline, write_pipeline
 from porse.printing import echo
+from porse.renderer import import_without_drawing
 from porse.repro import check_start, reproduce
-from porse.show import import_without_drawing
 
 
 @click.command("pipeline")

@@ -9,9 +9,9 @@ from porse.comparison.film import winner_film
 from porse.outdated import warn_of_another_run
 from porse.paths import check_target
 from porse.printing import echo, print_line
+from porse.renderer import import_without_drawing
 from porse.report.page import no_film, page_of, render
 from porse.report.results import read_results
-from porse.show import import_without_drawing
 
 FORMS = (".html", ".md", ".tex", ".csv")
 """How a comparison can be written; a run is a page."""

@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 
 from porse.config import Params
+from porse.renderer import import_without_drawing, no_renderer
 from porse.report.page import Film, no_film
 from porse.report.results import winners_policy
-from porse.show import import_without_drawing, no_renderer
 from porse.task_names import is_own
 
 LENGTHS_S = (4.0, 2.0, 1.0)

@@ -16,6 +16,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from porse import renderer
 from porse import show as shows
 from porse.config import Params
 from porse.errors import PorseError
@@ -113,7 +114,7 @@ def show(name: str) -> None:
     page = folder / "report.html"
     echo(f"{page}: the report")
     echo(f"{folder / 'card.md'}: what it is, and what it shows")
-    if shows.has_display() and webbrowser.open(page.resolve().as_uri()):
+    if renderer.has_display() and webbrowser.open(page.resolve().as_uri()):
         echo(f"{page}: opened")
 
 
@@ -129,7 +130,7 @@ def _with_published(callback: Any) -> Any:
         if not is_name(task) or not (ROOT / FOLDER / task).is_dir():
             return callback(task=task, checkpoint=checkpoint, path=path, **others)
         folder = find(ROOT, task)
-        if others["out"] is None and not shows.has_display():
+        if others["out"] is None and not renderer.has_display():
             others["out"] = Path(f"{task}.gif")
         if others["out"] is not None and _is_default("seconds"):
             others["seconds"] = FILM_S
